@@ -10,7 +10,7 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.path.context import PathClock, PathContext
 from dualarm_cli.kinds.path.following import PathMotion
-from dualarm_cli.kinds.path.motion import evened_out
+from dualarm_cli.kinds.path.motion import with_smooth_self_motion
 from dualarm_cli.kinematics.cell_model import CellModel
 
 TASKS = """\
@@ -63,7 +63,7 @@ def largest_acceleration(position, step):
 
 def test_a_kink_of_an_idle_arm_is_spread_over_the_window(kinked):
     """The speed's jump dv takes W: its acceleration is dv / W, and no joint but that one moves."""
-    found = evened_out(kinked.problem, moved(kinked, "right_s"), WINDOW)
+    found = with_smooth_self_motion(kinked.problem, moved(kinked, "right_s"), WINDOW)
     column = kinked.names.index("right_s")
     others = np.delete(found.position, column, axis=1)
     assert np.abs(others - np.delete(kinked.start, column)).max() < 1e-9
@@ -85,7 +85,7 @@ def test_tools_stay_where_they_were(kinked, joints, times):
     third power of that.
     """
     before = moved(kinked, *joints, times=times)
-    after = evened_out(kinked.problem, before, WINDOW)
+    after = with_smooth_self_motion(kinked.problem, before, WINDOW)
     body = kinked.problem.body
     (arm,) = np.flatnonzero(kinked.problem.follows)
     for one, other in zip(before.position[::7], after.position[::7], strict=True):
@@ -101,7 +101,7 @@ def test_both_ends_stay_as_they_are(kinked):
     position = np.array(moved(kinked, "torso_b1").position)
     for joint in ("left_e", "right_s"):
         position[:, kinked.names.index(joint)] += ramp
-    after = evened_out(kinked.problem, PathMotion(position), WINDOW)
+    after = with_smooth_self_motion(kinked.problem, PathMotion(position), WINDOW)
     for k in (0, -1):
         assert after.position[k].tolist() == position[k].tolist()
 
@@ -110,11 +110,11 @@ def test_no_window_or_no_room_for_it_changes_nothing(kinked):
     """Zero, shorter than four instants, or longer than a sixth of the path."""
     before = moved(kinked, "torso_b1")
     for window in (0.0, 2.0 * kinked.problem.step, kinked.time[-1]):
-        assert evened_out(kinked.problem, before, window) is before
+        assert with_smooth_self_motion(kinked.problem, before, window) is before
 
 
 def test_what_is_at_rest_stays_at_rest(kinked):
     """No joint moves: nothing is corrected either."""
     still = moved(kinked)
-    found = evened_out(kinked.problem, still, WINDOW)
+    found = with_smooth_self_motion(kinked.problem, still, WINDOW)
     assert np.abs(found.position - still.position).max() < 1e-15

@@ -18,7 +18,7 @@ from dualarm_cli.kinds.path.following.velocity import (
     make_step,
     spring_gradient,
 )
-from dualarm_cli.kinds.path.motion import evened_out
+from dualarm_cli.kinds.path.motion import with_smooth_self_motion
 
 
 def tool_errors(problem: PathProblem, motion: PathMotion) -> float:
@@ -74,7 +74,7 @@ def test_tools_stay_exact_where_joint_limits_bind(choi) -> None:
     assert isinstance(motion, PathMotion)
     assert min((motion.position - low).min(), (high - motion.position).min()) < 1e-2
     for window in (0.0, 0.32):
-        assert tool_errors(narrow, evened_out(narrow, motion, window)) < 1e-9
+        assert tool_errors(narrow, with_smooth_self_motion(narrow, motion, window)) < 1e-9
 
 
 def test_the_damped_projector_disturbs_the_tools(followed) -> None:

@@ -1,1 +1,1 @@
-"""Room for parts on the way from one task to another."""
+"""Buffers for parts between tasks."""

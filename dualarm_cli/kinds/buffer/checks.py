@@ -1,4 +1,4 @@
-"""Check of buffers: at every instant a part for every pick, and room for every place."""
+"""Check of buffers: a part for every pick, and room for every place."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from dualarm_cli.verification.tolerances import TOL
 
 @dataclass(frozen=True)
 class _Change:
-    """An instant at which parts or room of a buffer change."""
+    """Change of a buffer's parts or free places at an instant."""
 
     time: float
-    """When [s]."""
+    """Time [s]."""
     parts: int
-    """By how many the parts change that can be taken."""
+    """Change of the number of parts that can be taken."""
     taken: int
-    """By how many the places change that are not free."""
+    """Change of the number of occupied places."""
     event: Event
-    """What does it."""
+    """Event that causes the change."""
 
 
 def check_buffers(schedule: Schedule, job: Job | None) -> Check:
-    """Checks that every pick finds a part in its buffer, and every place room.
+    """Check that every pick finds a part in its buffer, and every place a free one.
 
-    A place has its room from its event on, and its part can be taken when its dwell is over; a pick takes its part at
-    its event, and its room is free when its dwell is over. Of what is at one instant what gives comes first.
+    A place occupies its room from its event on, and its part can be taken after its dwell. A pick takes its part at its
+    event, and its room is free after its dwell. At equal times, additions come first.
 
     Args:
-        schedule: what is judged: its events.
-        job: its tasks and buffers; None where there is no task file.
+        schedule: the schedule.
+        job: its tasks and buffers; None without a task file.
     """
     if job is None:
         return not_checked("buffers", NO_TASKS)
@@ -42,53 +42,53 @@ def check_buffers(schedule: Schedule, job: Job | None) -> Check:
     rows = _changes(schedule, job)
     if not any(rows.values()):
         return not_checked("buffers", "none of the tasks concerned is done")
-    faults = [fault for name, own in rows.items() for fault in _faults(name, own, job)]
+    faults = [fault for name, changes in rows.items() for fault in _faults(name, changes, job)]
     faults.sort()
-    where = faults[0][1] if faults else "a part for every pick, and room for every place"
-    return judge("buffers", len(faults), 0, where)
+    detail = faults[0][1] if faults else "a part for every pick, and room for every place"
+    return judge("buffers", len(faults), 0, detail)
 
 
 def _changes(schedule: Schedule, job: Job) -> dict[str, list[_Change]]:
-    """Returns what changes each buffer."""
+    """List the changes of each buffer."""
     stops = job.stops_by_key()
-    found: dict[str, list[_Change]] = {name: [] for name in job.buffers}
+    changes: dict[str, list[_Change]] = {name: [] for name in job.buffers}
     for event in schedule.events:
-        # Who may do what is for the check of the order: here it counts whichever arm does it.
+        # The check of the order judges which arm may do it: here any arm counts.
         stop = next(
             (s for (_, t, a), s in stops.items() if (t, a) == (event.task, event.action)), None
         )
-        if stop is None or stop.buffer not in found:
+        if stop is None or stop.buffer not in changes:
             continue
-        over = event.time + event.dwell
+        end = event.time + event.dwell
         puts = event.action == "place"
-        found[stop.buffer] += (
-            [_Change(event.time, 0, 1, event), _Change(over, 1, 0, event)]
+        changes[stop.buffer] += (
+            [_Change(event.time, 0, 1, event), _Change(end, 1, 0, event)]
             if puts
-            else [_Change(event.time, -1, 0, event), _Change(over, 0, -1, event)]
+            else [_Change(event.time, -1, 0, event), _Change(end, 0, -1, event)]
         )
-    return found
+    return changes
 
 
 def _faults(name: str, changes: list[_Change], job: Job) -> list[tuple[float, str]]:
-    """Returns when a part is taken that is not there, or put where there is no room, and in words."""
+    """List picks without a part and places without room, with their times [s]."""
     buffer = job.buffers[name]
     parts = taken = buffer.initial
-    found = []
+    faults = []
     for change in _in_time(changes):
         parts, taken = parts + change.parts, taken + change.taken
         event = change.event
         who = f"at {event.time:.3f} s the {event.arm} arm's {event.task} {event.action}"
         if change.parts < 0 and parts < 0:
             what = f"takes a part from an empty buffer: {parts + 1} can be taken"
-            found.append((event.time, f"buffer {name}: {who} {what} (capacity {buffer.capacity})"))
+            faults.append((event.time, f"buffer {name}: {who} {what} (capacity {buffer.capacity})"))
         if change.taken > 0 and taken > buffer.capacity:
             what = f"has no room: {taken - 1} of {buffer.capacity} places are taken"
-            found.append((event.time, f"buffer {name}: {who} {what}"))
-    return found
+            faults.append((event.time, f"buffer {name}: {who} {what}"))
+    return faults
 
 
 def _in_time(changes: list[_Change]) -> list[_Change]:
-    """Returns changes by their time; of those that differ by rounding first what gives a part or room."""
+    """Sort changes by time; within the tolerance, those that add a part or room come first."""
 
     def due(change: _Change) -> float:
         gives = change.parts > 0 or change.taken < 0

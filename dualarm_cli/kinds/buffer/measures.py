@@ -8,20 +8,20 @@ from dualarm_cli.kinds.reporting import KindMeasures
 from dualarm_cli.model.job import GIVES, Job
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 
-SAME_LENGTH = 1e-6
-"""Instants that differ by less are one [s]."""
+SAME_INSTANT = 1e-6
+"""Tolerance of equal instants [s]."""
 
 
 def buffer_rows(schedule: Schedule, job: Job) -> dict[str, dict[str, Any]]:
-    """Returns, by buffer, how many places are taken at most, at the start and at the end, and for how long none or all.
+    """Measure each buffer: occupied places, and times empty and full [s].
 
-    A place is taken from when a part is put there until the dwell is over in which it is picked; times in s.
+    A place is occupied from the event that puts a part there until the end of the dwell of its pick.
 
     Args:
         schedule: with events.
-        job: what it was planned for.
+        job: its job.
     """
-    found = {}
+    rows = {}
     for name, buffer in job.buffers.items():
         changes = sorted(
             (event.time, 1) if event.action in GIVES else (event.time + event.dwell, -1)
@@ -34,7 +34,7 @@ def buffer_rows(schedule: Schedule, job: Job) -> dict[str, dict[str, Any]]:
             full += (time - clock) * (level == buffer.capacity)
             level, clock = level + change, time
             most = max(most, level)
-        found[name] = {
+        rows[name] = {
             "capacity": buffer.capacity,
             "initial": buffer.initial,
             "final": level,
@@ -42,11 +42,11 @@ def buffer_rows(schedule: Schedule, job: Job) -> dict[str, dict[str, Any]]:
             "empty": empty,
             "full": full,
         }
-    return found
+    return rows
 
 
 def buffer_lines(report: dict[str, Any]) -> list[str]:
-    """Returns how full each buffer is, in words."""
+    """Describe the fill level of each buffer."""
     return [
         f"buffer {name}: at most {use['most']} of {use['capacity']}, empty {use['empty']:.2f} s, "
         f"full {use['full']:.2f} s, {use['initial']} at the start, {use['final']} at the end"
@@ -55,20 +55,20 @@ def buffer_lines(report: dict[str, Any]) -> list[str]:
 
 
 def served_by(wait: Segment, schedule: Schedule, job: Job) -> Event | None:
-    """Returns the event after which there was a part, or room, for what an arm waited to do; None if not known.
+    """Find the event that ended a wait for a part or room; None if unknown.
 
-    Of those that give what it needs the last one whose dwell was over by then.
+    It is the last event of the needed kind whose dwell was over by then.
     """
     stops = job.stops_by_key()
-    own = [
+    events = [
         event
         for event in schedule.events
         if (event.arm, event.task, event.action) == (wait.arm, wait.task, wait.action)
     ]
     stop = stops.get((wait.arm, wait.task, wait.action))
-    if not own or stop is None or not stop.buffer:
+    if not events or stop is None or not stop.buffer:
         return None
-    due = own[0].time + SAME_LENGTH
+    due = events[0].time + SAME_INSTANT
     giving = [
         event
         for event in _at(schedule, job, stop.buffer)
@@ -78,7 +78,7 @@ def served_by(wait: Segment, schedule: Schedule, job: Job) -> Event | None:
 
 
 def _at(schedule: Schedule, job: Job, name: str) -> list[Event]:
-    """Returns the events at a buffer."""
+    """List the events at a buffer."""
     stops = job.stops_by_key()
     keys = {key for key, stop in stops.items() if stop.buffer == name}
     return [e for e in schedule.events if (e.arm, e.task, e.action) in keys]

@@ -1,4 +1,4 @@
-"""Buffers in the planner: an order that is decided has to find its parts, and room for them."""
+"""Planner interface of buffers: a decided order needs parts and room for them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dualarm_cli.orders.model.buffer_numbers import check_stage_levels
 
 
 def checked_levels(job: Job) -> Job:
-    """Returns the job itself, after checking its buffers in the order of its stages.
+    """Check the buffer levels of a job in the order of its stages; return the job.
 
     Raises:
         InfeasibleError: there is no part to take, or no room for one.

@@ -1,4 +1,4 @@
-"""Buffers of task files: who puts parts into them and who takes them out, and numbers that no order can make good."""
+"""Buffers of task files, and checks of their numbers of parts."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from dualarm_cli.model.place import Place
 from dualarm_cli.notes import Note
 
 MOST_PARTS = 1_000_000
-"""Most parts of a buffer."""
+"""Maximum number of parts of a buffer."""
 UNUSED = "buffer {quoted}: no task uses it; a pick or place does with buffer: {buffer}"
-"""Sentence of buffers without tasks."""
+"""Note on buffers without tasks."""
 
 
 class BufferSection(Section):
-    """Room for parts that are all alike, on the way from one task to another."""
+    """Buffer of identical parts between tasks."""
 
     capacity: Annotated[int, Field(ge=1, le=MOST_PARTS)] = Field(
         description="How many parts it has room for."
@@ -46,7 +46,7 @@ class BufferSection(Section):
 
 
 class BufferTarget(TargetSection):
-    """A target that may be at a buffer."""
+    """Target that may be at a buffer."""
 
     buffer: Name | None = Field(
         default=None,
@@ -55,16 +55,16 @@ class BufferTarget(TargetSection):
 
 
 class BuffersFile(TasksFile):
-    """A task file that may have buffers."""
+    """Task file with buffers."""
 
     buffers: dict[Name, BufferSection] = Field(
         default_factory=dict,
-        description="Room for parts on the way from one task to another, by name.",
+        description="Buffers for parts between tasks, by name.",
     )
 
 
 USES = ("place", "pick")
-"""Who puts parts into a buffer, and who takes them out."""
+"""Actions that put parts into a buffer, and take them out."""
 
 
 def check_buffers(
@@ -73,16 +73,16 @@ def check_buffers(
     model: TasksFile | None,
     findings: Findings,
 ) -> None:
-    """Notes buffers that there are not, that a move names, and those whose numbers no order can make good.
+    """Report unknown buffers, buffers of moves, and numbers of parts that no order satisfies.
 
     Args:
         document: the task file.
-        tasks: the tasks that their schema accepts, by their index in the file.
-        model: its content, None where its schema does not accept it.
-        findings: where errors are noted.
+        tasks: valid tasks, by their index in the file.
+        model: its content, or None if it is invalid.
+        findings: receives the errors.
     """
     raw = document.data.get("buffers")
-    known = [name for name in raw if isinstance(name, str)] if isinstance(raw, dict) else []
+    names = [name for name in raw if isinstance(name, str)] if isinstance(raw, dict) else []
     all_known = True
     for index, task in tasks.items():
         if _buffer(task, "move") is not None:
@@ -90,17 +90,17 @@ def check_buffers(
             findings.add(document, ("tasks", index, "move", "buffer"), message)
         for action in USES:
             name = _buffer(task, action)
-            if name is not None and name not in known:
-                message = f"there is no buffer {quote(name)}{suggest(name, known, 'buffers')}"
+            if name is not None and name not in names:
+                message = f"there is no buffer {quote(name)}{suggest(name, names, 'buffers')}"
                 findings.add(document, ("tasks", index, action, "buffer"), message)
                 all_known = False
-    # What a misspelt name puts or takes would be missing in the numbers.
+    # Numbers would lack the parts of misspelt buffers.
     if isinstance(model, BuffersFile) and all_known:
         _check_numbers(document, model, findings)
 
 
 def _check_numbers(document: Document, model: BuffersFile, findings: Findings) -> None:
-    """Notes buffers that end with fewer parts than none, with more than there is room for, or not as they began."""
+    """Report buffers that end with a negative, excessive or changed number of parts."""
     for name, buffer in model.buffers.items():
         puts, takes = _counted(model, name)
         end = buffer.initial + puts - takes
@@ -127,39 +127,39 @@ def _check_numbers(document: Document, model: BuffersFile, findings: Findings) -
 
 
 def _counted(model: BuffersFile, name: str) -> tuple[int, int]:
-    """Returns how often parts are put into a buffer, and how often they are taken out."""
+    """Count the parts that are put into a buffer and taken out."""
     puts, takes = (sum(_buffer(task, action) == name for task in model.tasks) for action in USES)
     return puts, takes
 
 
 def with_buffers(document: Document, model: TasksFile, job: Job) -> Job:
-    """Returns a job with the buffers of its file, and notes on those that nobody uses.
+    """Add the buffers of a file to its job, with notes on unused ones.
 
     Args:
         document: the task file.
-        model: its content, in which everything has been checked.
-        job: without them.
+        model: its checked content.
+        job: the job without buffers.
     """
-    assert isinstance(model, BuffersFile)  # as the list of kinds has it
-    found, notes = {}, []
+    assert isinstance(model, BuffersFile)  # the registry of kinds guarantees it
+    buffers, notes = {}, []
     for name, section in model.buffers.items():
         line, column = document.place(("buffers", name))
-        where = Place(document.source.name, line, column)
-        found[name] = Buffer(section.capacity, section.initial, where)
+        place = Place(document.source.name, line, column)
+        buffers[name] = Buffer(section.capacity, section.initial, place)
         if _counted(model, name) == (0, 0):
             more = {"quoted": quote(name), "buffer": name}
             notes.append(Note.of({"unused": UNUSED}, "buffers", "unused", **more))
-    return replace(job, buffers=found, notes=(*job.notes, *notes))
+    return replace(job, buffers=buffers, notes=(*job.notes, *notes))
 
 
 def at_buffer(reader: TaskReader, section: TargetSection, loc: Loc, stop: Stop) -> Stop:
-    """Returns a stop at the buffer that its target names."""
-    assert isinstance(section, BufferTarget)  # as the list of kinds has it
+    """Attach the buffer of a target to its stop."""
+    assert isinstance(section, BufferTarget)  # the registry of kinds guarantees it
     return replace(stop, buffer=section.buffer or "")
 
 
 def _buffer(task: TaskSection, action: str) -> str | None:
-    """Returns the buffer that one of a task's targets names; None for none."""
+    """Return the buffer of one of a task's targets, or None."""
     target = getattr(task, action)
     return target.buffer if isinstance(target, BufferTarget) else None
 

@@ -20,7 +20,7 @@ SLOWEST_BELT = 1e-4
 
 
 class ConveyorSection(Section):
-    """A belt that moves at one velocity all the time and carries targets past the robot."""
+    """Belt of constant velocity that carries targets past the robot."""
 
     velocity: Velocity3 = Field(description="Velocity of the belt [m/s].")
     in_: Name | None = Field(
@@ -40,7 +40,7 @@ class ConveyorSection(Section):
 
 
 class ConveyorsFile(CellFile):
-    """A cell file that may have conveyors."""
+    """Cell file with conveyors."""
 
     conveyors: dict[Name, ConveyorSection] = Field(
         default_factory=dict, description="Belts that carry targets of tasks, by name."
@@ -50,16 +50,16 @@ class ConveyorsFile(CellFile):
 def read_conveyors(
     reader: CellReader, model: CellFile, tools: dict[str, Tool], frames: dict[str, pin.SE3]
 ) -> AddedToCell:
-    """Returns the conveyors, their velocities in the world."""
-    assert isinstance(model, ConveyorsFile)  # as the list of kinds has it
-    found = {}
+    """Create the conveyors, with velocities in the world."""
+    assert isinstance(model, ConveyorsFile)  # the registry of kinds guarantees it
+    conveyors = {}
     for name, section in model.conveyors.items():
         loc = ("conveyors", name, "in")
         T_world_frame = frame_pose(reader.document, loc, section.in_, frames, reader.findings)
         if T_world_frame is not None:
             velocity = product(T_world_frame.rotation, np.array(section.velocity))
-            found[name] = Conveyor(name, velocity)
-    return AddedToCell({"conveyors": found})
+            conveyors[name] = Conveyor(name, velocity)
+    return AddedToCell({"conveyors": conveyors})
 
 
 CELL_READING = KindCell(ConveyorsFile, read_conveyors)

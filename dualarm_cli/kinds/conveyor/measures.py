@@ -1,4 +1,4 @@
-"""Meetings of arms and parts on conveyors: travel of the part, and waits for it."""
+"""Measures of meetings with parts on conveyors: travel of the part, and waits for it."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ DONE = {"pick": "picked", "place": "placed"}
 
 
 def conveyor_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
-    """Returns every pick and place on a conveyor as a JSON-ready row, in time order; SI units.
+    """List every pick and place on a conveyor as a JSON-ready row, in time order; SI units.
 
-    `gone` is how far the part had come from the pose of the file when the tool reached it, `within` how far it may
-    have, `waited` how long the arm waited for it.
+    `gone` is the part's travel from the pose of the file when the tool reached it, `within` the largest allowed travel,
+    `waited` the arm's wait for the part.
 
     Args:
         schedule: with events and segments.
-        job: what it was planned for.
+        job: its job.
     """
     stops = job_as_done(schedule, job).stops_by_key()
     rows = []
@@ -53,7 +53,7 @@ def conveyor_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
 
 
 def conveyor_lines(report: dict[str, Any]) -> list[str]:
-    """Returns a sentence for every pick and place on a conveyor of a report.
+    """Write a sentence for every pick and place on a conveyor of a report.
 
     Args:
         report: as built by `build_report`.

@@ -1,4 +1,4 @@
-"""Decided stages whose targets stand become stages whose targets move with conveyors: when each is met, and how."""
+"""Meetings with parts on conveyors: from stages with resting targets to stages with moving ones."""
 
 from __future__ import annotations
 
@@ -29,28 +29,32 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 
 
-def followed_posture(asked: Tracking, near: Tracked | None) -> tuple[StopPosture, Tracked]:
-    """Returns the posture that follows a part, and its motion: the decided one, else that most like it which does.
+def followed_posture(tracking: Tracking, previous: Tracked | None) -> tuple[StopPosture, Tracked]:
+    """Find the posture that follows a part, and its motion.
+
+    It is the decided posture, or else the most similar one that can.
 
     Raises:
-        InfeasibleError: none does; the words are those about the decided one.
+        InfeasibleError: none can; the reason is that of the decided one.
     """
     try:
-        return asked.posture, asked.solve(None if near is None else near.phases)
+        return tracking.posture, tracking.solve(None if previous is None else previous.phases)
     except InfeasibleError as error:
         failure = error
-    if not asked.problem.arm.has_arm_angle:
+    if not tracking.problem.arm.has_arm_angle:
         raise failure
-    [others] = target_postures(StopBatch((asked.problem,)))
+    [others] = target_postures(StopBatch((tracking.problem,)))
     if isinstance(others, NoPosture):
         raise failure
-    made = asked.posture
-    unlike = np.abs(wrap(others.psi - made.psi_target)) + np.abs(wrap(others.yaw - made.yaw))
-    order = np.lexsort((unlike, others.branch != made.branch))
+    decided = tracking.posture
+    difference = np.abs(wrap(others.psi - decided.psi_target)) + np.abs(
+        wrap(others.yaw - decided.yaw)
+    )
+    order = np.lexsort((difference, others.branch != decided.branch))
     columns = (others.target, others.yaw, others.branch, others.psi)
     for target, yaw, branch, psi in zip(*(column[order] for column in columns), strict=True):
         posture = replace(
-            asked.posture,
+            tracking.posture,
             target=int(target),
             yaw=float(yaw),
             branch=int(branch),
@@ -59,7 +63,7 @@ def followed_posture(asked: Tracking, near: Tracked | None) -> tuple[StopPosture
             psi_retract=float(psi),
         )
         try:
-            return posture, replace(asked, posture=posture).solve()
+            return posture, replace(tracking, posture=posture).solve()
         except InfeasibleError:
             continue
     raise failure
@@ -67,7 +71,7 @@ def followed_posture(asked: Tracking, near: Tracked | None) -> tuple[StopPosture
 
 @dataclass(frozen=True)
 class MeetingSettings:
-    """Numbers that steer the search for a meeting with a part."""
+    """Settings of the search for a meeting with a part."""
 
     spare: float = 1e-3
     """Maximum time by which an arm is early for its part [s].
@@ -75,9 +79,9 @@ class MeetingSettings:
     It does not hold for a part that is met as early as it can be.
     """
     side: float = 0.1
-    """Least distance of a new time from both known times, relative to their difference."""
+    """Least distance of a new time from both bracketing times, relative to their difference."""
     farthest: float = 8.0
-    """A time is tried no later than by so many times what the arm is late."""
+    """Largest step to a later time, relative to the arm's delay."""
     rounds: int = 14
     """Maximum number of corrections of the time at which a part is met."""
     exact: float = 1e-9
@@ -93,32 +97,32 @@ MEETING = MeetingSettings()
 
 @dataclass
 class MeetingTime:
-    """The least time that is no earlier than when the arm can be there for a part met then, between two that are known.
+    """Search for the earliest time at which an arm is in time for a part.
 
-    Later the part is elsewhere and the arm may be there sooner or later than for an earlier one: the time is looked for
-    by the rule of the false position.
+    The part's place depends on that time, and so does the arm's arrival. The bracket shrinks by the method of false
+    position.
     """
 
     least: float
-    """No part is met earlier than this [s]."""
+    """Earliest allowed time [s]."""
     last: float
-    """No part is met later than this [s]."""
+    """Latest allowed time [s]."""
     time: float
-    """What is tried now [s]."""
+    """Time under test [s]."""
     too_early: tuple[float, float] | None = None
-    """The latest time known to be too early, and by how much the arm is late for it [s]."""
+    """Latest time known to be too early, and the arm's delay for it [s]."""
     rate: float = 1.0
-    """By how much less late the arm was for a later time that is too early as well, per second."""
+    """Decrease of the delay per second of later time."""
     boldness: float = 1.0
-    """By how many times what the arm is early an earlier time is tried."""
+    """Step to an earlier time, relative to the arm's spare time."""
     possible: tuple[float, float] | None = None
-    """The earliest time known to be possible, and by how much the arm is early for it [s]."""
+    """Earliest time known to be possible, and the arm's spare time for it [s]."""
 
     def note(self, arrival: float) -> bool:
-        """Notes when the arm can be there for a part that is met at `time`; returns whether that is soon enough.
+        """Record the arm's earliest arrival for a meeting at `time`; return whether the search is over.
 
         Args:
-            arrival: the earliest time at which it can be there [s].
+            arrival: earliest arrival of the arm [s].
         """
         spare = self.time - arrival
         if spare < 0.0:
@@ -133,47 +137,47 @@ class MeetingTime:
         return spare <= MEETING.spare or self.time <= self.least
 
     def next(self) -> bool:
-        """Takes the next time to be tried; returns whether there is one: else even the last one is too early."""
+        """Choose the next time to try; return False if even the last one is too early."""
         if self.possible is None:
-            assert self.too_early is not None  # one of the two has been noted
-            tried, late = self.too_early
-            self.time = min(tried + late / self.rate + 0.5 * MEETING.spare, self.last)
-            return tried < self.last
+            assert self.too_early is not None  # either has been recorded
+            too_soon, late = self.too_early
+            self.time = min(too_soon + late / self.rate + 0.5 * MEETING.spare, self.last)
+            return too_soon < self.last
         high, spare = self.possible
         if self.too_early is None or self.too_early[0] >= high:
             self.time = max(self.least, high - self.boldness * spare + 0.5 * MEETING.spare)
             self.boldness = min(2.0 * self.boldness, MEETING.farthest)
             return True
         low, late = self.too_early
-        # Where the arm would just be in time if that went straight from one to the other; a little later.
-        share = late / (late + spare) if late + spare > 0.0 else 0.5
-        goal = low + share * (high - low) + 0.25 * MEETING.spare
+        # Zero of the linear interpolation between both times, and a little later.
+        fraction = late / (late + spare) if late + spare > 0.0 else 0.5
+        goal = low + fraction * (high - low) + 0.25 * MEETING.spare
         room = MEETING.side * (high - low)
         self.time = max(self.least, min(max(goal, low + room), high - room))
         return True
 
 
 def too_late(arm_stop: ArmStop, time: float, late: float) -> Refusal:
-    """Returns that a part is beyond its window at a time at which the arm can be there at the earliest.
+    """Describe a part that is beyond its window at the arm's earliest arrival.
 
     Args:
         arm_stop: the stop.
-        time: when the arm can be there [s].
-        late: how much of that is to be clear of the other arm [s].
+        time: earliest arrival of the arm [s].
+        late: part of it that avoids collisions with the other arm [s].
     """
-    gone = _named_belt(arm_stop).gone(time) - _named_belt(arm_stop).within
+    excess = _named_belt(arm_stop).gone(time) - _named_belt(arm_stop).within
     delay = [Refusal("delayed", measured=late)] if late > 0.0 else []
-    return _at_belt("part_gone", arm_stop, gone, time=time, delay=delay)
+    return _at_belt("part_gone", arm_stop, excess, time=time, delay=delay)
 
 
 def unfollowed(arm_stop: ArmStop, time: float, error: InfeasibleError) -> Refusal:
-    """Returns that no posture was found that follows a part from a time [s] on, and why the decided one does not."""
+    """Describe a part that no posture follows from a time [s] on."""
     [cause] = error.refusals
     return _at_belt("part_not_followed", arm_stop, None, time=time, cause=cause)
 
 
 def no_time(stops: Iterable[ArmStop]) -> Refusal:
-    """Returns that no times were found at which the arms of a stage meet their parts."""
+    """Describe the failure to find times at which the arms of a stage meet their parts."""
     moving = [stop for stop in stops if stop.stop.belt is not None]
     which = [
         Refusal("stop_of", None, stop.task.id, stop.arm, more={"action": stop.stop.action})
@@ -184,11 +188,11 @@ def no_time(stops: Iterable[ArmStop]) -> Refusal:
     return Refusal("parts_not_met", moving[0].stop.place, moving[0].task.id, more=more)
 
 
-def _at_belt(what: str, arm_stop: ArmStop, measured: float | None, **more: object) -> Refusal:
-    """Returns what is wrong with one arm's stop at a part that moves."""
+def _at_belt(key: str, arm_stop: ArmStop, measured: float | None, **details: object) -> Refusal:
+    """Create the refusal of a stop at a moving part."""
     stop = arm_stop.stop
-    more |= {"action": stop.action, "window": _window(_named_belt(arm_stop))}
-    return Refusal(what, stop.place, arm_stop.task.id, arm_stop.arm, measured, more=more)
+    details |= {"action": stop.action, "window": _window(_named_belt(arm_stop))}
+    return Refusal(key, stop.place, arm_stop.task.id, arm_stop.arm, measured, more=details)
 
 
 def _window(belt: OnBelt) -> Refusal:
@@ -199,25 +203,25 @@ def _window(belt: OnBelt) -> Refusal:
 
 def _named_belt(arm_stop: ArmStop) -> OnBelt:
     belt = arm_stop.stop.belt
-    assert belt is not None  # callers have looked
+    assert belt is not None  # callers have checked
     return belt
 
 
 Times = Mapping[tuple[str, str], float]
-"""When targets on conveyors are met [s], by task and action."""
+"""Meeting times of targets on conveyors [s], by task and action."""
 Delays = Mapping[tuple[int, str], float]
-"""By number of the stage and arm, how much later than it thinks it turned out to be there [s]."""
+"""Delays beyond the estimated arrivals [s], by stage number and arm."""
 
 
 class MissedError(InfeasibleError):
-    """A part is out of its window by the time at which an arm can be there, or cannot be followed from then on."""
+    """Part that is not met in its window, or cannot be followed."""
 
     def __init__(self, refusal: Refusal, times: Times) -> None:
-        """Notes about when parts would be met as far as that is known, to guess better the next time.
+        """Store the meeting times known so far, for a better guess.
 
         Args:
-            refusal: what is wrong.
-            times: when parts would be met [s], by task and action.
+            refusal: reason.
+            times: estimated meeting times [s], by task and action.
         """
         super().__init__(refusal)
         self.times = times
@@ -225,49 +229,48 @@ class MissedError(InfeasibleError):
 
 @dataclass(frozen=True)
 class ConveyorMeeting:
-    """What decided stages are changed with."""
+    """Conversion of decided stages to stages that meet moving parts."""
 
     model: CellModel
-    """The job's cell."""
+    """Cell model."""
     job: Job
-    """What is to be done; its targets on conveyors may be at any time of theirs."""
+    """Job; its targets on conveyors may be at any time."""
     timing: TimingSolver
-    """How transfers and lines are timed."""
+    """Timing solver of transfers and lines."""
     delays: Delays = field(default_factory=dict)
-    """What is known of how late arms turn out to be, as when they have to be clear of each other."""
+    """Known delays of arms, such as those of repairs."""
     cache: MotionCache = field(default_factory=MotionCache)
-    """What is timed already."""
+    """Cache of timed motions."""
 
     def met(self, plans: list[StagePlan]) -> list[StagePlan]:
-        """Returns stages in which every part on a conveyor is met, and followed, as soon as the arm can be there.
+        """Convert stages so that every part is met and followed as early as possible.
 
-        The method decided platform angles, branches, yaws and arm angles for parts that stand where they were guessed
-        to be. These stay. Where a part is when it is met depends on when that is, and this on how far the arm has to
-        go: the time is corrected until it is no earlier than the arm's arrival and later by `spare` at most,
-        or the part
-        comes just then. What begins and ends elsewhere for that, the stages before and after are led to.
+        Platform angles, branches, yaws and arm angles stay as decided for the guessed places of the parts. The place of
+        a meeting depends on its time, and the time on the arm's travel: the time is corrected until it is no earlier
+        than the arm's arrival, and later by `spare` at most unless the part arrives just then. Neighbouring stages are
+        joined to the changed ends.
 
         Args:
             plans: all stages of a plan, none of them repaired.
 
         Raises:
-            MissedError: a part that is not met in its window.
+            MissedError: a part is not met in its window.
         """
-        found: list[StagePlan] = []
+        stages: list[StagePlan] = []
         clock = 0.0
         position = plans[0].start
         for k, plan in enumerate(plans):
             begin = None if k == 0 and self.job.start == "free" else position
-            goal = found[0].start if found and not plan.stops and self.job.returns else None
+            goal = stages[0].start if stages and not plan.stops and self.job.returns else None
             try:
                 stage, motion = self._stage(k, plan, begin, goal, clock)
             except MissedError as error:
-                error.times = {**met_times(found), **error.times}
+                error.times = {**met_times(stages), **error.times}
                 raise
-            found.append(stage)
+            stages.append(stage)
             clock += motion.trajectory.duration
             position = stage.end
-        return found
+        return stages
 
     def _stage(
         self,
@@ -277,7 +280,7 @@ class ConveyorMeeting:
         goal: FloatArray | None,
         clock: float,
     ) -> tuple[StagePlan, Motion]:
-        """Returns a stage that meets its parts, and its motion with all that it waits for."""
+        """Convert one stage to meet its parts; return it and its motion with all waits."""
         search = {
             name: MeetingTime(belt.passes, belt.last, max(clock, belt.passes))
             for name, stop in plan.stops.items()
@@ -289,26 +292,29 @@ class ConveyorMeeting:
             stops = dict(plan.stops)
             for name in search:
                 stops[name] = self._followed(plan, plan.stops[name], search, tracked.get(name))
-                made = stops[name].tracked
-                assert made is not None  # what is followed has a motion
-                tracked[name] = made
+                motion_on_belt = stops[name].tracked
+                assert motion_on_belt is not None  # a followed part has a motion
+                tracked[name] = motion_on_belt
             stage = self._joined(plan, stops, begin, goal)
             motion = self._timed(stage, clock)
-            there = {event.arm: clock + event.time for event in motion.events}
-            # Without any wait for parts; what waits for windows of tasks is waited for.
+            arrivals = {event.arm: clock + event.time for event in motion.events}
+            # Without waits for parts, but with those for windows of tasks.
             early = self._earliest(stage, clock) if search else {}
-            soon = [
-                one.note(early[name] + self.delays.get((k, name), 0.0))
-                for name, one in search.items()
+            settled = [
+                meeting.note(early[name] + self.delays.get((k, name), 0.0))
+                for name, meeting in search.items()
             ]
-            if all(abs(there[name] - one.time) <= MEETING.exact for name, one in search.items()):
+            if all(
+                abs(arrivals[name] - meeting.time) <= MEETING.exact
+                for name, meeting in search.items()
+            ):
                 if best is None or motion.trajectory.duration < best[1].trajectory.duration:
                     best = stage, motion
-                if all(soon):
+                if all(settled):
                     return stage, motion
-            for name, one in search.items():
-                if not one.next():
-                    arrival = one.last + (one.too_early[1] if one.too_early else 0.0)
+            for name, meeting in search.items():
+                if not meeting.next():
+                    arrival = meeting.last + (meeting.too_early[1] if meeting.too_early else 0.0)
                     gone = too_late(plan.stops[name], arrival, self.delays.get((k, name), 0.0))
                     raise MissedError(gone, _named(plan, search))
         if best is not None:
@@ -320,46 +326,46 @@ class ConveyorMeeting:
         plan: StagePlan,
         arm_stop: ArmStop,
         search: Mapping[str, MeetingTime],
-        near: Tracked | None,
+        previous_motion: Tracked | None,
     ) -> ArmStop:
-        """Returns a stop that follows its part from the time that is tried on, or from a later one on of its window."""
-        one = search[arm_stop.arm]
-        before, time, asked = one.time, one.time, one.time
-        found: ArmStop | None = None
-        if time > one.last:
+        """Compute a stop that follows its part from the tried time or later."""
+        meeting = search[arm_stop.arm]
+        before, time, first = meeting.time, meeting.time, meeting.time
+        tracked_stop: ArmStop | None = None
+        if time > meeting.last:
             raise MissedError(too_late(arm_stop, time, 0.0), _named(plan, search))
-        while found is None:
+        while tracked_stop is None:
             try:
-                found = self._tracked(plan, arm_stop, time, near)
+                tracked_stop = self._tracked(plan, arm_stop, time, previous_motion)
             except InfeasibleError as error:
-                before, time = time, time + (one.last - one.least) / MEETING.tries
-                if time > one.last:
-                    left = unfollowed(arm_stop, asked, error)
-                    raise MissedError(left, _named(plan, search)) from None
+                before, time = time, time + (meeting.last - meeting.least) / MEETING.tries
+                if time > meeting.last:
+                    refusal = unfollowed(arm_stop, first, error)
+                    raise MissedError(refusal, _named(plan, search)) from None
         while time - before > MEETING.narrow:
             middle = 0.5 * (before + time)
             try:
-                found, time = self._tracked(plan, arm_stop, middle, near), middle
+                tracked_stop, time = self._tracked(plan, arm_stop, middle, previous_motion), middle
             except InfeasibleError:
                 before = middle
-        one.time = time
+        meeting.time = time
         if before < time:
             # No earlier time is tried any more.
-            one.least = time
-        return found
+            meeting.least = time
+        return tracked_stop
 
     def _tracked(
-        self, plan: StagePlan, arm_stop: ArmStop, time: float, near: Tracked | None
+        self, plan: StagePlan, arm_stop: ArmStop, time: float, previous: Tracked | None
     ) -> ArmStop:
-        """Returns a stop with its target where it is at a time, and with the motion that follows it."""
+        """Compute a stop that tracks its target from a time on."""
         model, job, belt = self.model, self.job, _belt(arm_stop)
         R_world, _ = model.carried_frame(plan.arrival)
         velocity = product(R_world.T, belt.conveyor.velocity)
         shift = velocity * (time - belt.at)
-        seen = arm_stop.problem
-        problem = replace(seen, p_base_tool=seen.p_base_tool + shift)
+        stop_problem = arm_stop.problem
+        problem = replace(stop_problem, p_base_tool=stop_problem.p_base_tool + shift)
         limits = job.limits
-        asked = Tracking(
+        tracking = Tracking(
             problem,
             arm_stop.posture,
             velocity,
@@ -368,9 +374,9 @@ class ConveyorMeeting:
             job.tool_speed,
             1.0 / job.speed,
         )
-        made, tracked = followed_posture(asked, near)
+        decided, tracked = followed_posture(tracking, previous)
         posture = replace(
-            made,
+            decided,
             q_approach=tracked.motion.position[0],
             q_target=tracked.q_target,
             q_retract=tracked.motion.position[-1],
@@ -390,7 +396,7 @@ class ConveyorMeeting:
         begin: FloatArray | None,
         goal: FloatArray | None,
     ) -> StagePlan:
-        """Returns a stage that begins where the one before ended and goes to its stops, or back to where all began."""
+        """Join a stage to the one before, to its stops, or to the begin of the cycle."""
         arrival, end = np.array(plan.arrival), np.array(plan.end)
         for name, arm in self.model.arms.items():
             if name in stops:
@@ -407,7 +413,7 @@ class ConveyorMeeting:
         return realise(self.model, self.job, [stage], self.timing, self.cache, clock=clock)
 
     def _earliest(self, stage: StagePlan, clock: float) -> dict[str, float]:
-        """Returns when the arms could be at their targets if no part had to be waited for [s]."""
+        """Compute the arms' earliest arrivals without waits for parts [s]."""
         free = {
             name: replace(stop, stop=replace(stop.stop, belt=None))
             for name, stop in stage.stops.items()
@@ -417,24 +423,24 @@ class ConveyorMeeting:
 
 
 def met_times(plans: Sequence[StagePlan]) -> Times:
-    """Returns when parts are met in some stages [s]."""
+    """Return the meeting times of stages [s]."""
     return {
-        (one.task.id, one.stop.action): one.stop.belt.at
+        (stop.task.id, stop.stop.action): stop.stop.belt.at
         for plan in plans
-        for one in plan.stops.values()
-        if one.stop.belt is not None
+        for stop in plan.stops.values()
+        if stop.stop.belt is not None
     }
 
 
 def _named(plan: StagePlan, search: Mapping[str, MeetingTime]) -> Times:
-    """Returns the times that are tried by task and action."""
+    """Return the times under test by task and action."""
     return {
-        (plan.stops[name].task.id, plan.stops[name].stop.action): one.time
-        for name, one in search.items()
+        (plan.stops[name].task.id, plan.stops[name].stop.action): meeting.time
+        for name, meeting in search.items()
     }
 
 
 def _belt(arm_stop: ArmStop) -> OnBelt:
     belt = arm_stop.stop.belt
-    assert belt is not None  # callers have looked
+    assert belt is not None  # callers have checked
     return belt

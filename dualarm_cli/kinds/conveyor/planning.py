@@ -1,6 +1,6 @@
-"""Plans with targets on conveyors: guessed where they are met, planned as if they stood there, corrected, again.
+"""Planner of targets on conveyors: guess meeting places, plan with resting parts, correct, repeat.
 
-Parts that move with a belt, and bodies that come too near to them.
+It also checks clearance from parts that move with a belt.
 """
 
 from __future__ import annotations
@@ -35,21 +35,24 @@ from dualarm_cli.timing import TimingSolver
 
 @dataclass(frozen=True)
 class BeltSettings:
-    """Numbers that steer the planning of targets on belts."""
+    """Settings of the planning of targets on belts."""
 
     rounds: int = 4
-    """So often a plan is made at most."""
+    """Maximum number of plans."""
     guesses: int = 2
     """Number of plans of a simple method that correct the meeting places.
 
     They precede the method itself.
     """
     shares: tuple[float, ...] = (0.5, 0.2, 0.8)
-    """Shares of all windows at which parts are guessed to be met at first; the next one where one cannot be reached."""
+    """Fractions of all windows that are tried as first guesses of meetings.
+
+    The next one is used where a part cannot be reached.
+    """
     same_place: float = 0.08
-    """A guess that is off by less than this leads to about the same postures [m]."""
+    """Error of a guess that hardly changes postures [m]."""
     late: float = 1e-9
-    """An arm that is later than its part by no more is there in time [s]."""
+    """Delay up to which an arm counts as in time [s]."""
 
 
 BELT = BeltSettings()
@@ -58,15 +61,18 @@ NO_SENSITIVITY = Note(
     "sensitivity: none for tasks with conveyors: faster arms would meet parts elsewhere",
     "sensitivity",
 )
-"""Note on assumed limits."""
+"""Note on jobs without a sensitivity."""
 NO_CONVEYOR_BOUND = Note("lower bound: none for tasks with conveyors", "lower bound")
-"""Note where parts move: a bound is of parts that stand, and those may be nearer when they are met."""
+"""Note on jobs without a lower bound.
+
+A bound is for parts at rest, and moving parts may be nearer when they are met.
+"""
 FREE = Note(
     "mode: free: with conveyors, both arms start each stage together in this version", "mode"
 )
 """Note on asynchronous arms."""
 PERIOD = "conveyors: the cycle repeats every {seconds:.3f} s, so each part must arrive with the same period"
-"""Sentence of cycles."""
+"""Note on cycles."""
 
 
 def conveyor_notes(job: Job, duration: float) -> list[str]:
@@ -76,7 +82,7 @@ def conveyor_notes(job: Job, duration: float) -> list[str]:
 
 
 def guessed(job: Job, share: float = 0.5) -> Job:
-    """Returns a job in which every target on a conveyor is where it is at a share of its window, the middle."""
+    """Place every target on a conveyor where it is at a fraction of its window."""
     middles: dict[tuple[str, str], float] = {
         (task.id, stop.action): stop.belt.passes + share * (stop.belt.last - stop.belt.passes)
         for task in job.tasks
@@ -87,7 +93,7 @@ def guessed(job: Job, share: float = 0.5) -> Job:
 
 
 def met_at(job: Job, times: Times) -> Job:
-    """Returns a job in which targets on conveyors are where they are at some times, within their windows."""
+    """Place targets on conveyors where they are at given times, within their windows."""
 
     def moved_stop(task: Task, stop: Stop) -> Stop:
         time = times.get((task.id, stop.action))
@@ -109,70 +115,70 @@ def quickest_meeting(
     *,
     clear: bool,
 ) -> ClearedPlan:
-    """Returns the quickest plan found of a method in which every part on a conveyor is met in its window.
+    """Plan the quickest motion that meets every part on a conveyor in its window.
 
-    A simple method plans as if parts stood in the middle of their windows. Then it is known about when the arms can be
-    there, and the method itself plans with the parts where they are then. Each plan is corrected so that it meets its
-    parts exactly (`ConveyorMeeting`); only where one is met far from where it was guessed it is planned
-    anew. Where a repair makes an arm late for its part, that much is added to when it can be there.
+    A simple method plans with parts in the middle of their windows and so estimates the arms' arrivals. The method
+    itself then plans with the parts at their places at those times. Each plan is corrected so that it meets its parts
+    exactly (`ConveyorMeeting`), and re-planned only if a part is met far from its guessed place. A delay by a repair is
+    added to the arm's arrival.
 
     Args:
-        problem: what the method is asked; its job says who does what in which order.
+        problem: the method's problem, whose job has arms and order decided.
         solve: the method.
-        timing: how motions are timed.
-        progress: receives what is being done.
-        clear: whether anything has to be collision-free.
+        timing: solver of motions.
+        progress: receiver of progress messages.
+        clear: whether collisions are checked.
 
     Raises:
-        InfeasibleError: a part that no plan found meets in its window, or what else makes a plan impossible.
+        InfeasibleError: no plan that was found meets some part in its window, or there is no plan.
     """
     progress("estimating where parts on conveyors are met")
-    asked = replace(problem, job=_better_guessed(problem, timing))
+    variant = replace(problem, job=_better_guessed(problem, timing))
     delays: dict[tuple[int, str], float] = {}
     best: ClearedPlan | None = None
     failure: InfeasibleError | None = None
     for _ in range(BELT.rounds):
-        meeting = ConveyorMeeting(asked.model, asked.job, timing, dict(delays))
+        meeting = ConveyorMeeting(variant.model, variant.job, timing, dict(delays))
         try:
-            found = quickest_clear(asked, _meeting(solve, meeting), timing, progress, clear=clear)
+            plan = quickest_clear(variant, _meeting(solve, meeting), timing, progress, clear=clear)
         except MissedError as error:
-            # About when parts would be met is known better now.
+            # The error has better estimates of the meeting times.
             failure = failure or error
-            better = met_at(asked.job, error.times)
-            if _off(asked.job, error.times) <= BELT.same_place:
+            better = met_at(variant.job, error.times)
+            if _largest_shift(variant.job, error.times) <= BELT.same_place:
                 break
-            asked = replace(asked, job=better)
+            variant = replace(variant, job=better)
             continue
         except InfeasibleError as error:
             failure = failure or error
             break
-        late = _late(found)
+        delayed = _delays(plan)
         touched = (
             None
-            if late
-            else touched_on_belt(met_at(asked.job, met_times(found.cleared.plans)), found)
+            if delayed
+            else belt_collision(met_at(variant.job, met_times(plan.cleared.plans)), plan)
         )
         if touched is not None:
             failure = failure or InfeasibleError(touched)
-        elif not late and (best is None or _length(found) < _length(best)):
-            best = found
-        times = met_times(found.cleared.plans)
-        if not late and _off(asked.job, times) <= BELT.same_place:
+        elif not delayed and (best is None or _duration(plan) < _duration(best)):
+            best = plan
+        times = met_times(plan.cleared.plans)
+        if not delayed and _largest_shift(variant.job, times) <= BELT.same_place:
             break
-        delays = {key: delays.get(key, 0.0) + late.get(key, 0.0) for key in {*delays, *late}}
+        delays = {key: delays.get(key, 0.0) + delayed.get(key, 0.0) for key in {*delays, *delayed}}
         progress("planning again with parts where they are met")
-        asked = replace(asked, job=met_at(asked.job, times))
+        variant = replace(variant, job=met_at(variant.job, times))
     if best is None:
         raise failure or InfeasibleError(Refusal("parts_missed"))
-    # How near the method came to the bound of its grid is about parts that stand.
+    # The gap to the grid's bound holds for parts at rest only.
     return replace(best, decided=replace(best.decided, grid_gap=None))
 
 
 def _better_guessed(problem: MethodProblem, timing: TimingSolver) -> Job:
-    """Returns a job in which targets on conveyors are about where a simple plan meets them."""
+    """Place targets on conveyors where a simple plan meets them."""
     method = MINIMUM_TIME if problem.turns_for_both and problem.redundancy != NUMERIC else FIXED
     for share in BELT.shares:
-        job, known = guessed(problem.job, share), False
+        job, has_times = guessed(problem.job, share), False
         try:
             for _ in range(BELT.guesses):
                 plans = choose_stages(replace(problem, job=job, holding=None), method, refine=False)
@@ -180,9 +186,9 @@ def _better_guessed(problem: MethodProblem, timing: TimingSolver) -> Job:
                     times = met_times(ConveyorMeeting(problem.model, job, timing).met(plans))
                 except MissedError as error:
                     times = error.times
-                job, known = met_at(job, times), True
+                job, has_times = met_at(job, times), True
         except InfeasibleError:
-            if not known:
+            if not has_times:
                 continue
         return job
     return guessed(problem.job)
@@ -191,7 +197,7 @@ def _better_guessed(problem: MethodProblem, timing: TimingSolver) -> Job:
 def _meeting(
     solve: Callable[[MethodProblem], Decided], meeting: ConveyorMeeting
 ) -> Callable[[MethodProblem], Decided]:
-    """Returns a method whose plans meet their parts, as far as they can."""
+    """Wrap a method so that its plans meet their parts."""
 
     def met(plans: list[list[StagePlan]]) -> list[list[StagePlan]]:
         good: list[list[StagePlan]] = []
@@ -211,7 +217,7 @@ def _meeting(
         simpler = decided.simpler
 
         def met_simpler() -> list[list[StagePlan]]:
-            assert simpler is not None  # asked only where there are some
+            assert simpler is not None  # called only if there are some
             try:
                 return met(simpler())
             except InfeasibleError:
@@ -227,34 +233,34 @@ def _meeting(
     return solved
 
 
-def _length(found: ClearedPlan) -> float:
-    return found.cleared.duration
+def _duration(plan: ClearedPlan) -> float:
+    return plan.cleared.duration
 
 
-def _late(found: ClearedPlan) -> dict[tuple[int, str], float]:
-    """Returns by how much arms come too late for their parts, what earlier ones make later left out [s].
+def _delays(plan: ClearedPlan) -> dict[tuple[int, str], float]:
+    """Compute the delays of arms for their parts without those of earlier stages [s].
 
-    By number of the stage and arm.
+    Keys are the number of the stage and the arm.
     """
-    events = {(e.arm, e.task, e.action): e.time for e in found.cleared.motion.events}
+    events = {(e.arm, e.task, e.action): e.time for e in plan.cleared.motion.events}
     late: dict[tuple[int, str], float] = {}
     before = 0.0
-    for k, plan in enumerate(found.cleared.plans):
-        here = []
-        for name, stop in plan.stops.items():
+    for k, stage in enumerate(plan.cleared.plans):
+        delays = []
+        for name, stop in stage.stops.items():
             if stop.stop.belt is None:
                 continue
             behind = events[name, stop.task.id, stop.stop.action] - stop.stop.belt.at
             if behind > before + BELT.late:
                 late[k, name] = behind - before
-            here.append(max(0.0, behind))
-        # Where a part was waited for in between, what was late before is made up for.
-        before = max(here, default=before)
+            delays.append(max(0.0, behind))
+        # A wait for a part in between absorbs earlier delays.
+        before = max(delays, default=before)
     return late
 
 
-def _off(job: Job, times: Times) -> float:
-    """Returns how far targets on conveyors are at some times at most from where a job has them [m]."""
+def _largest_shift(job: Job, times: Times) -> float:
+    """Compute the largest distance of targets from their places in a job [m]."""
     gaps = (
         stop.belt.conveyor.speed * abs(times[task.id, stop.action] - stop.belt.at)
         for task in job.tasks
@@ -274,45 +280,46 @@ PLANNING = KindPlanning(
 )
 
 
-def touched_on_belt(job: Job, found: ClearedPlan) -> Refusal | None:
+def belt_collision(job: Job, plan: ClearedPlan) -> Refusal | None:
     """Find the first stage without clearance from a part on a belt, or None.
 
-    On its lines, the tool that picks or places the part may touch it; up to its neighbouring stops no more than that.
+    The tool that picks or places the part may touch it on its lines. In the next stage it may be as near as at the
+    stop.
 
     Args:
-        job: decided, with its targets where they are met.
-        found: its plan.
+        job: decided job with its targets at their meeting places.
+        plan: its plan.
     """
     rooms = rooms_of(job, moving=True)
-    motion, holding = found.cleared.motion, found.holding
+    motion, holding = plan.cleared.motion, plan.holding
     if not rooms or holding is None:
         return None
     cell = CellClearance.of(job.cell, job.carried(), rooms=rooms)
     events = {(e.task, e.action): e for e in motion.events}
     stage_of: dict[RoomKey, int] = {
         (stop.task.id, stop.stop.action): k
-        for k, plan in enumerate(found.cleared.plans)
-        for stop in plan.stops.values()
+        for k, stage in enumerate(plan.cleared.plans)
+        for stop in stage.stops.values()
     }
     for k, stage in enumerate(motion.stages):
         samples = stage_samples(motion, k, k, holding)
         time = np.minimum(stage.start + samples.step * np.arange(len(samples.position)), stage.end)
         for r, room in enumerate(rooms):
             event = events[room.key]
-            there = time < event.time - SAME_TIME
+            is_on_belt = time < event.time - SAME_TIME
             if room.stop.action == "place":
-                there = time >= event.changes_held
+                is_on_belt = time >= event.changes_held
             assert room.stop.belt is not None  # it moves
-            gone = (time - room.stop.belt.at)[:, None] * room.stop.belt.conveyor.velocity
-            shift = np.einsum("ij,nj->ni", job.cell.base.rotation.T, gone)
+            travel = (time - room.stop.belt.at)[:, None] * room.stop.belt.conveyor.velocity
+            shift = np.einsum("ij,nj->ni", job.cell.base.rotation.T, travel)
             since = k - stage_of[room.key]
             touching = {event.arm: since == 0} if since in (0, 1) else {}
-            if worst := _worst(cell, r, samples, there, shift, touching):
-                one, other, lack, row = worst
-                more = {"one": one, "other": other, "when": float(time[row] - stage.start)}
-                more |= {"stage": k + 1, "partner": [], "standing": [], "tried": []}
+            if worst := _worst(cell, r, samples, is_on_belt, shift, touching):
+                body_a, body_b, lack, row = worst
+                details = {"one": body_a, "other": body_b, "when": float(time[row] - stage.start)}
+                details |= {"stage": k + 1, "partner": [], "standing": [], "tried": []}
                 return Refusal(
-                    "stage_touches", room.stop.place, room.task.id, event.arm, lack, more=more
+                    "stage_touches", room.stop.place, room.task.id, event.arm, lack, more=details
                 )
     return None
 
@@ -321,18 +328,21 @@ def _worst(
     cell: CellClearance,
     r: int,
     samples: StageSamples,
-    there: BoolArray,
+    is_on_belt: BoolArray,
     shift: FloatArray,
     touching: Mapping[str, bool],
 ) -> tuple[str, str, float, int] | None:
-    """Find the bodies that lack most clearance, the lack [m] and the row.
+    """Find the pair of bodies that lacks most clearance, the lack [m] and the row.
 
-    None where all is clear. Arms in `touching` may touch the part, at will on their lines where it says so.
+    None if all are clear. Arms in `touching` may touch the part, without limit on their lines where the flag is set.
     """
     for a, arm in enumerate(cell.arms):
-        held = cell.loads.in_first_scene(samples.held[:, a])
-        for number in np.unique(held[there]).tolist():
-            rows, load = np.flatnonzero(there & (held == number)), cell.loads.load(number)
+        held_parts = cell.loads.in_first_scene(samples.held[:, a])
+        for number in np.unique(held_parts[is_on_belt]).tolist():
+            rows, load = (
+                np.flatnonzero(is_on_belt & (held_parts == number)),
+                cell.loads.load(number),
+            )
             margins, pairs = cell.test.drifting(
                 r, arm, load.name, samples.position[rows], shift[rows]
             )

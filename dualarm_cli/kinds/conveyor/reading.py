@@ -1,4 +1,4 @@
-"""Targets of task files that conveyors carry."""
+"""Targets on conveyors in task files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dualarm_cli.model.job import Stop, Task
 
 
 class ConveyorTarget(TargetSection):
-    """A target that may move with a conveyor."""
+    """Target that may move with a conveyor."""
 
     conveyor: Name | None = Field(
         default=None, description="Conveyor of the cell that the target moves with."
@@ -30,7 +30,7 @@ class ConveyorTarget(TargetSection):
     )
     within: Size | None = Field(
         default=None,
-        description="How far beyond this pose along the conveyor the tool may still come to it [m].",
+        description="Largest travel of the part beyond this pose until the tool meets it [m].",
     )
 
     @model_validator(mode="after")
@@ -61,7 +61,7 @@ def check_apart(
     model: TasksFile | None,
     findings: Findings,
 ) -> None:
-    """Notes targets on conveyors in a file that has tasks which conveyors do not go with."""
+    """Report targets on conveyors in a file with tasks that exclude conveyors."""
     others = incompatible_tasks("conveyor", model.tasks) if model is not None else []
     for index, task in tasks.items() if others else ():
         for action in ("pick", "place"):
@@ -76,8 +76,8 @@ def check_apart(
 
 
 def on_belt(reader: TaskReader, section: TargetSection, loc: Loc, stop: Stop) -> Stop:
-    """Returns a stop that moves with the conveyor of its target; one that stands after noting what is wrong."""
-    assert isinstance(section, ConveyorTarget)  # as the list of kinds has it
+    """Attach the conveyor of a target to its stop; report errors and return a resting stop."""
+    assert isinstance(section, ConveyorTarget)  # the registry of kinds guarantees it
     if section.conveyor is None or section.passes is None or section.within is None:
         return stop
     place, conveyors = (*loc, "conveyor"), reader.cell.conveyors
@@ -86,8 +86,8 @@ def on_belt(reader: TaskReader, section: TargetSection, loc: Loc, stop: Stop) ->
         reader.note(place, message)
         return stop
     if section.conveyor not in conveyors:
-        known = list(conveyors)
-        hint = suggest(section.conveyor, known, "it has") if known else "; it has none"
+        names = list(conveyors)
+        hint = suggest(section.conveyor, names, "it has") if names else "; it has none"
         reader.note(place, f"the cell has no conveyor {quote(section.conveyor)}{hint}")
         return stop
     conveyor = conveyors[section.conveyor]
@@ -95,13 +95,13 @@ def on_belt(reader: TaskReader, section: TargetSection, loc: Loc, stop: Stop) ->
 
 
 def check_windows(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> Task:
-    """Notes a window that has nothing in common with the time in which a part on a conveyor may be met.
+    """Report a task window outside the meeting time of its part.
 
     Args:
         reader: of the file.
         section: the task as the file has it.
-        loc: where it stands.
-        task: as it was read.
+        loc: its location in the file.
+        task: the task that was read.
     """
     for stop in task.stops:
         belt = stop.belt

@@ -24,23 +24,23 @@ REFUSALS = KindRefusals(
         "s and is {within:g} m farther at {last:.3f} s",
         "delayed": " ({measured:.3f} s of it to avoid collisions)",
         "part_gone": "task '{task}': the {arm} arm cannot be at the {action} before {time:.3f} s{delay:*}, when it is "
-        "{measured:mm} beyond what 'within' allows: {window}; try a later 'passes', a longer 'within', a slower "
-        "conveyor, another arm or order (arm: any, order: optimise), or less before it",
+        "{measured:mm} beyond what 'within' allows: {window}; give a later 'passes', a longer 'within', a slower "
+        "conveyor, another arm or order (arm: any, order: optimise), or less work before it",
         "part_not_followed": "task '{task}': no motion was found for the {arm} arm to follow the {action} from {time:.3f} "
-        "s on: {cause}; {window}; try a 'passes' pose and 'within' that leave room before and after it, a "
+        "s on: {cause}; {window}; give a 'passes' pose and 'within' that leave room before and after it, a "
         "slower conveyor, a shorter approach, retract or dwell, another arm",
-        "parts_not_met": "no times were found at which the arms meet the parts of {stops:* and }: {windows:*; }; what "
-        "helps: a slower conveyor, or parts that do not come at the same time for both arms",
+        "parts_not_met": "no times were found at which the arms meet the parts of {stops:* and }: {windows:*; }; "
+        "slow the conveyor down, or let the parts come at different times for both arms",
         "stop_of": "'{task}' ({action})",
         "parts_missed": "no collision-free plan was found in which the arms meet the parts on conveyors in time; "
-        "try more room between the arms, other pairs of targets in one stage (order: optimise), or a slower "
-        "conveyor",
+        "leave more room between the arms, pair other targets in one stage (order: optimise), or slow the "
+        "conveyor down",
         "conveyor_above_cap": "the conveyor moves at {measured:g} m/s, the tool's speed is capped at {allowed:g} m/s "
         "(limits: tool_speed); raise the limit, or slow the conveyor down",
         "part_left": "the tool cannot follow the part on the conveyor within {micrometres:g} um; the arm passes too "
         "close to a singularity",
         "conveyor_too_fast": "it cannot keep up with the conveyor at {speed:g} m/s there: its joints would exceed a "
         "limit by a factor of {measured:.3g} with any start",
-        "conveyor_leaves_reach": "a joint's limit, the arm's reach or a singularity is in the way before the stop is over",
+        "conveyor_leaves_reach": "a joint limit, the arm's reach or a singularity ends its motion before the stop is over",
     },
 )

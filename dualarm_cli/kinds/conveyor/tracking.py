@@ -1,4 +1,4 @@
-"""A stop on a conveyor: up to the belt's velocity, down to the part, the dwell moving, up again, and to rest."""
+"""Tracking of a conveyor: ramp to its velocity, approach, dwell in motion, retract, ramp to rest."""
 
 from __future__ import annotations
 
@@ -23,27 +23,28 @@ from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """Numbers that steer the tracking of a conveyor."""
+    """Settings of the tracking of a conveyor."""
 
     line_shapes: tuple[tuple[int, ...], ...] = ((2, 0), (1, 2), (1, 1), (1, 0))
-    """Double-S shapes of lines: length of their jerks, and of constant acceleration between two of them, in
-    eighths of the
-    line's time; what is left in the middle is passed at one speed."""
+    """Double-S shapes of lines, in eighths of the line's time.
+
+    Each has the length of its jerks, and of constant acceleration between two of them; the middle has constant speed.
+    """
     checks_per_knot: int = 4
-    """Instants per interval at which the tool is looked at."""
+    """Number of instants per interval at which the tool is checked."""
     parts: tuple[int, ...] = (16, 32, 64, 128)
-    """Knots per phase that are tried until the tool stays with the part; where jerks change there is one of them."""
+    """Knots per phase that are tried until the tool stays with the part. Every change of jerk is at a knot."""
     first_ramp: float = 0.04
     """First trial duration of every phase of motion at full speed [s].
 
     Less than any arm can do.
     """
     tries: int = 40
-    """So often phases are made longer until every limit holds."""
+    """Maximum number of stretches until every limit holds."""
     growth: float = 1.002
-    """Phases are made longer by this factor more than one would think."""
+    """Extra factor on the stretch of a phase."""
     slowest: float = 20.0
-    """No phase is made longer than this at full speed [s]: what needs more time is impossible."""
+    """Longest total of the phases around the dwell at full speed [s]."""
     with_part: float = 4e-7
     """Largest distance [m] and angle [rad] between tool and part in the dwell.
 
@@ -55,7 +56,7 @@ class TrackingSettings:
     Half of the error that the verifier allows.
     """
     speed_margin: float = 2e-4
-    """Share of a cap on the tool's speed that is kept free."""
+    """Fraction of a cap on the tool's speed that is kept free."""
     least_factor: float = 0.9
     """Smallest factor by which a phase is shortened at a time."""
     shrinks: int = 6
@@ -66,7 +67,7 @@ class TrackingSettings:
     The shortest duration is that under the joints' limits; all phases but the dwell have to reach the ratio.
     """
     dwell: int = 2
-    """Number of the phase that is as long as it is."""
+    """Number of the phase of fixed duration."""
     rounding: float = 1e-9
     """Relative excess of a rate in the dwell that makes the other phases longer."""
 
@@ -74,17 +75,20 @@ class TrackingSettings:
 TRACKING = TrackingSettings()
 
 
-def ramp_way(share: FloatArray) -> FloatArray:
-    """Returns the way of a velocity that rises to 1 by two opposite jerks over shares of time from 0 to 1: 1/2 at 1."""
+def ramp_progress(share: FloatArray) -> FloatArray:
+    """Compute the normalised distance of a velocity ramp by two opposite jerks: 1/2 at 1.
+
+    Arguments are fractions of time from 0 to 1.
+    """
     back = 1.0 - share
     return np.where(share < 0.5, 2.0 / 3.0 * cube(share), share - 0.5 + 2.0 / 3.0 * cube(back))
 
 
-def line_way(share: FloatArray, shape: int) -> FloatArray:
-    """Returns the share of the way by shares of the time of a line, from rest to rest.
+def line_progress(share: FloatArray, shape: int) -> FloatArray:
+    """Compute the progress along a line from rest to rest at fractions of its time.
 
     Args:
-        share: of the time, from 0 to 1.
+        share: fractions of the time, from 0 to 1.
         shape: number of one of `line_shapes`.
     """
     time, jerk = _pieces(shape)
@@ -99,12 +103,12 @@ def line_way(share: FloatArray, shape: int) -> FloatArray:
     piece = np.clip(np.searchsorted(time, share, side="right") - 1, 0, len(jerk) - 1)
     q, v, a = state[:, piece]
     dt, j = share - time[piece], jerk[piece]
-    way: FloatArray = (q + dt * (v + dt * (a / 2.0 + dt * j / 6.0))) / state[0, -1]
-    return way
+    progress: FloatArray = (q + dt * (v + dt * (a / 2.0 + dt * j / 6.0))) / state[0, -1]
+    return progress
 
 
 def _pieces(shape: int) -> tuple[FloatArray, FloatArray]:
-    """Returns the ends of a shape's pieces, from 0 to 1, and their jerks."""
+    """Return the ends of a shape's pieces, from 0 to 1, and their jerks."""
     jerk, constant = TRACKING.line_shapes[shape]
     ramp = np.array([jerk, constant, jerk]) if constant else np.array([jerk, jerk])
     signs = [1.0, 0.0, -1.0] if constant else [1.0, -1.0]
@@ -115,7 +119,7 @@ def _pieces(shape: int) -> tuple[FloatArray, FloatArray]:
 
 
 def dense(time: FloatArray) -> FloatArray:
-    """Returns instants between knots, and the knots."""
+    """Subdivide the intervals between knots, including the knots."""
     share = np.arange(TRACKING.checks_per_knot) / TRACKING.checks_per_knot
     inside = (time[:-1, None] + np.diff(time)[:, None] * share).ravel()
     return np.append(inside, time[-1])
@@ -123,57 +127,60 @@ def dense(time: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Tracking:
-    """What a tracked motion is asked for."""
+    """Problem of a tracked motion."""
 
     problem: StopProblem
-    """The stop, its target where the part is when it is met."""
+    """Stop with its target at the part's place when it is met."""
     posture: StopPosture
-    """How it is made: branch, yaw and arm angles."""
+    """Branch, yaw and arm angles of the stop."""
     velocity: FloatArray
-    """Of the belt in the arm's base frame [m/s], shape (3,)."""
+    """Velocity of the belt in the arm's base frame [m/s], shape (3,)."""
     dwell: float
-    """How long the tool stays with the part [s]."""
+    """Time with the part [s]."""
     limits: JointLimits
-    """Of the arm's joints."""
+    """Limits of the arm's joints."""
     cap: float | None
-    """On the tool's speed [m/s], or None."""
+    """Cap on the tool's speed [m/s], or None."""
     pace: float = 1.0
-    """How much slower than at full speed all is."""
+    """Slowdown against full speed [factor]."""
 
     def solve(self, phases: TrackingPhases | None = None) -> Tracked:
-        """Returns the motion: every phase about as short as the joints' limits allow.
+        """Compute the motion with phases about as short as the joint limits allow.
 
-        The tool's velocity rises to the belt's by two constant jerks, its depth above the part changes by one of a few
-        double-S shapes, the one that is quickest here; the arm angle changes with both. Postures are exact at knots, a
-        cubic spline joins them; phases are made longer until it keeps every limit, and get more knots until it stays
-        with the part. Our own.
+        The tool's velocity rises to the belt's by two constant jerks. Its depth above the part changes by the quickest
+        of a few double-S shapes; the arm angle changes with both. Postures are exact at knots, and a cubic spline joins
+        them. Phases are stretched until every limit holds, and get more knots until the tool stays with the part.
+        Our own.
 
         Args:
-            phases: what to begin with, of a motion next to this one; None to begin with short ones.
+            phases: initial phases of a similar motion; None for short ones.
 
         Raises:
-            InfeasibleError: the belt is too fast for the arm or the cap, or goes where the posture cannot follow.
+            InfeasibleError: the belt is too fast for the arm or the cap, or leaves the reach of the posture.
         """
         speed = float(norm(self.velocity))
         if self.cap is not None and speed >= self.cap * (1.0 - TRACKING.speed_margin):
             raise InfeasibleError(Refusal("conveyor_above_cap", measured=speed, allowed=self.cap))
-        found = phases or self._quickest_shape()
+        timed = phases or self._quickest_shape()
         for parts in TRACKING.parts:
-            motion, found = self._within_limits(found, parts)
-            if self._stays(motion, found):
-                return Tracked(motion, found)
+            motion, timed = self._within_limits(timed, parts)
+            if self._stays(motion, timed):
+                return Tracked(motion, timed)
         more = {"micrometres": TRACKING.with_part * 1e6}
         raise InfeasibleError(Refusal("part_left", allowed=TRACKING.with_part, more=more))
 
     def _shapes(self) -> Sequence[int]:
-        """Returns the shapes of lines that are tried; where postures are followed by numbers that takes too long."""
+        """List the line shapes to try.
+
+        Numeric postures try one only, because they are slow.
+        """
         lines = self.problem.approach > 0.0 or self.problem.retract > 0.0
         return (
             range(len(TRACKING.line_shapes)) if lines and self.problem.arm.has_arm_angle else (1,)
         )
 
     def _quickest_shape(self) -> TrackingPhases:
-        """Returns the phases of the shape of lines that is quickest by few knots."""
+        """Select the line shape that is quickest with few knots, and return its phases."""
         short = TRACKING.first_ramp * self.pace
         lines = [
             short if length > 0.0 else 0.0
@@ -184,21 +191,21 @@ class Tracking:
         for shape in self._shapes():
             first = TrackingPhases(short, lines[0], self.dwell, lines[1], short, shape)
             try:
-                _, found = self._within_limits(first, TRACKING.parts[0])
+                _, phases = self._within_limits(first, TRACKING.parts[0])
             except InfeasibleError as error:
                 failure = failure or error
                 continue
-            if best is None or found.edges[-1] < best.edges[-1]:
-                best = found
+            if best is None or phases.edges[-1] < best.edges[-1]:
+                best = phases
         if best is None:
-            assert failure is not None  # there is one shape at least
+            assert failure is not None  # there is at least one shape
             raise failure
         return best
 
     def _within_limits(
         self, phases: TrackingPhases, parts: int
     ) -> tuple[Trajectory, TrackingPhases]:
-        """Returns the motion with phases made longer until it keeps every limit, and shorter where they can be."""
+        """Stretch or shorten phases until the motion just keeps every limit."""
         best: tuple[Trajectory, TrackingPhases] | None = None
         shrunk, excess = 0, np.ones(5)
         for _ in range(TRACKING.tries):
@@ -211,10 +218,10 @@ class Tracking:
                 shrunk += 1
                 if shrunk > TRACKING.shrinks or used.min() >= TRACKING.used:
                     break
-            # A phase too long by much is shortened by some: its neighbours' limits hang together with its own.
+            # A phase that is much too long is shortened in steps: its limits depend on its neighbours.
             factor = np.maximum(excess * TRACKING.growth, TRACKING.least_factor)
             if excess[TRACKING.dwell] > 1.0 + TRACKING.rounding:
-                # What is too quick in the dwell is helped, if at all, by gentler phases about it.
+                # Excess in the dwell can only be reduced by longer phases around it.
                 factor = np.maximum(factor, excess[TRACKING.dwell])
             phases = phases.longer(factor)
             if phases.edges[-1] - phases.dwell > TRACKING.slowest * self.pace:
@@ -222,11 +229,13 @@ class Tracking:
         if best is not None:
             return best
         more = {"speed": norm(self.velocity)}
-        most = float(excess.max())
-        raise InfeasibleError(Refusal("conveyor_too_fast", measured=most, allowed=1.0, more=more))
+        largest = float(excess.max())
+        raise InfeasibleError(
+            Refusal("conveyor_too_fast", measured=largest, allowed=1.0, more=more)
+        )
 
     def _motion(self, phases: TrackingPhases, parts: int) -> tuple[Trajectory, list[int]]:
-        """Returns the spline through exact postures, and the number of the knot at each edge of the phases."""
+        """Join exact postures by a spline; return it and the knot at each edge of the phases."""
         pieces, index = [np.zeros(1)], [0]
         edges = phases.edges
         for low, high in pairwise(edges.tolist()):
@@ -241,7 +250,7 @@ class Tracking:
         return Trajectory(self.limits.joints, time, q, v, a), index
 
     def _postures(self, phases: TrackingPhases, time: FloatArray) -> tuple[FloatArray, bool]:
-        """Returns exact joints at instants [rad], shape (m, n), and whether the posture can be held throughout."""
+        """Compute exact joints at instants [rad], shape (m, n), and whether all are feasible."""
         R, p, z = flange_poses(
             self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
         )
@@ -256,38 +265,39 @@ class Tracking:
     def _course(
         self, phases: TrackingPhases, time: FloatArray
     ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
-        """Returns how long the belt would take from the target to below the tool [s], depth [m], shares of both ways.
+        """Compute the tool's motion relative to the target: belt time [s], depth [m], progress.
 
-        Shares are of the way from the target to where the stop's motion begins, and to where it ends.
+        Belt time is that from the target to below the tool. Both progresses are fractions of the motion from the target
+        to the begin and to the end of the stop's motion.
         """
         reached = phases.rise + phases.approach
-        left = reached + phases.dwell
-        over = left + phases.retract + phases.fall
+        departed = reached + phases.dwell
+        end = departed + phases.retract + phases.fall
         rise, fall = (
-            ramp * ramp_way(np.clip(share, 0.0, 1.0))
-            for ramp, share in (
+            ramp * ramp_progress(np.clip(fraction, 0.0, 1.0))
+            for ramp, fraction in (
                 (phases.rise, (phases.rise - time) / phases.rise),
-                (phases.fall, (time - over + phases.fall) / phases.fall),
+                (phases.fall, (time - end + phases.fall) / phases.fall),
             )
         )
-        # On ramps the tool goes less far than the belt does meanwhile.
+        # On ramps the tool travels less than the belt.
         along = time - reached + rise - fall
         depth = np.zeros_like(time)
         if phases.approach > 0.0:
-            share = np.clip((reached - time) / phases.approach, 0.0, 1.0)
-            depth += self.problem.approach * line_way(share, phases.shape)
+            fraction = np.clip((reached - time) / phases.approach, 0.0, 1.0)
+            depth += self.problem.approach * line_progress(fraction, phases.shape)
         if phases.retract > 0.0:
-            share = np.clip((time - left) / phases.retract, 0.0, 1.0)
-            depth += self.problem.retract * line_way(share, phases.shape)
+            fraction = np.clip((time - departed) / phases.retract, 0.0, 1.0)
+            depth += self.problem.retract * line_progress(fraction, phases.shape)
         away = (
-            line_way(np.clip((reached - time) / reached, 0.0, 1.0), 0),
-            line_way(np.clip((time - left) / (over - left), 0.0, 1.0), 0),
+            line_progress(np.clip((reached - time) / reached, 0.0, 1.0), 0),
+            line_progress(np.clip((time - departed) / (end - departed), 0.0, 1.0), 0),
         )
         return along, depth, away
 
     def _excess(self, motion: Trajectory, phases: TrackingPhases, index: list[int]) -> FloatArray:
-        """Returns by what factor each phase would have to be longer, shape (5,)."""
-        found = np.zeros(5)
+        """Compute the required stretch of each phase [factor], shape (5,)."""
+        excess = np.zeros(5)
         limits = self.limits
         for k, (low, high) in enumerate(pairwise(index)):
             if high == low:
@@ -296,14 +306,14 @@ class Tracking:
             v, a, j = largest_rates(
                 motion.time[rows], motion.velocity[rows], motion.acceleration[rows]
             )
-            found[k] = max(
+            excess[k] = max(
                 float((v / limits.velocity).max()),
                 float(np.sqrt((a / limits.acceleration).max())),
                 float(cbrt((j / limits.jerk).max())),
             )
             if self.cap is not None:
-                found[k] = max(found[k], self._speed(motion, rows) / self.cap)
-        return found
+                excess[k] = max(excess[k], self._speed(motion, rows) / self.cap)
+        return excess
 
     def _speed(self, motion: Trajectory, rows: slice) -> float:
         """Compute the largest tool speed between knots with `speed_margin` added [m/s]."""
@@ -315,12 +325,12 @@ class Tracking:
         return float(speed.max()) / (1.0 - TRACKING.speed_margin)
 
     def _tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns rotations (m, 3, 3) of the flange and positions (m, 3) [m] of the tool, in the arm's base frame."""
+        """Compute flange rotations (m, 3, 3) and tool positions (m, 3) [m] in the base frame."""
         R, p = self.problem.arm.forward(q)
         return R, p - product(R, self.problem.R_tool_flange.T, self.problem.p_tool_flange)
 
     def _stays(self, motion: Trajectory, phases: TrackingPhases) -> bool:
-        """Returns whether the tool is where it should be between the knots."""
+        """Test whether the tool is at its target between the knots."""
         time = dense(motion.time)
         R, p = self._tool(motion.at(time)[0])
         R_target, p_target, z = flange_poses(
@@ -330,12 +340,12 @@ class Tracking:
             R_target[0], self.problem.R_tool_flange.T, self.problem.p_tool_flange
         )
         along, depth, _ = self._course(phases, time)
-        there = tip + along[:, None] * self.velocity - depth[:, None] * z[0]
-        off = norm(p - there, axis=1)
+        target = tip + along[:, None] * self.velocity - depth[:, None] * z[0]
+        error = norm(p - target, axis=1)
         # |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2).
-        turned = norm(R - R_target[0], axis=(1, 2)) / np.sqrt(2.0)
-        off = np.maximum(off, turned)
+        angle = norm(R - R_target[0], axis=(1, 2)) / np.sqrt(2.0)
+        error = np.maximum(error, angle)
         edges = phases.edges
         dwells: BoolArray = (time >= edges[2]) & (time <= edges[3])
-        near = off[dwells].max(initial=0.0) <= TRACKING.with_part
-        return bool(near and off.max() <= TRACKING.with_belt)
+        stays_in_dwell = error[dwells].max(initial=0.0) <= TRACKING.with_part
+        return bool(stays_in_dwell and error.max() <= TRACKING.with_belt)

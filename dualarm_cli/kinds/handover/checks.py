@@ -1,4 +1,4 @@
-"""Checks of hand-overs: who holds the part when, where the tools are then, and that they stand still."""
+"""Checks of hand-overs: order of grips, poses of the tools, and tools at rest."""
 
 from __future__ import annotations
 
@@ -38,59 +38,59 @@ CRITERIA = {
 
 @dataclass(frozen=True)
 class HandoverSpan:
-    """When a part goes from arm to arm, as a schedule has it."""
+    """Hand-over of a part from arm to arm in a schedule."""
 
     giving: Task
-    """The giver's share of the task."""
+    """Task of the giving arm."""
     taking: Task
-    """The taker's."""
+    """Task of the taking arm."""
     give: Event
-    """The giver lets go from here on."""
+    """Event at which the giving arm begins to let go."""
     take: Event
-    """The taker grips from here on."""
+    """Event at which the taking arm begins to grip."""
     start: float
-    """When the taker begins its approach [s]."""
+    """Start of the taking arm's approach [s]."""
     end: float
-    """When the giver's retract is over [s]."""
+    """End of the giving arm's retract [s]."""
 
 
 def handover_spans(job: Job, spans: Sequence[LineSpan]) -> list[HandoverSpan]:
-    """Returns the hand-overs of which a schedule has each event once.
+    """List the hand-overs with each event exactly once.
 
     Args:
-        job: as it was done.
+        job: as done.
         spans: of the job's stops.
     """
-    found = []
-    for giving, taking in _shares(job):
+    handovers = []
+    for giving, taking in _paired_tasks(job):
         gives = spans_of(spans, giving.arm, giving.id, "give")
         takes = spans_of(spans, taking.arm, taking.id, "take")
         if len(gives) != 1 or len(takes) != 1:
-            continue  # `check_handovers` says so
+            continue  # `check_handovers` reports it
         [give], [take] = gives, takes
-        found.append(HandoverSpan(giving, taking, give.event, take.event, take.start, give.end))
-    return found
+        handovers.append(HandoverSpan(giving, taking, give.event, take.event, take.start, give.end))
+    return handovers
 
 
 def check_handovers(
     schedule: Schedule, job: Job | None, model: ToolModel, spans: Sequence[LineSpan]
 ) -> list[Check]:
-    """Checks every hand-over of the job.
+    """Check every hand-over of the job.
 
-    The taking tool grips where the file says, the giving arm stands still from when the taking one begins its approach
-    until it has let go, the taking one from its grip until the giving one is away; the giver lets go only when the
-    taker has gripped, and all of it lies between the pick and the place.
+    The taking tool has the grip of the file. The giving arm stands still from the start of the taking arm's approach
+    until it has let go, the taking arm from its grip until the end of the other's retract. The giving arm lets go only
+    after the grip, and the hand-over lies between pick and place.
 
     Args:
         schedule: with finite numbers and rising times.
-        job: as it was done; without it nothing is known of hand-overs.
-        model: where the tools are.
+        job: as done; None for no check of hand-overs.
+        model: kinematics of the tools.
         spans: of the job's stops.
     """
     if job is None or not job.has_handovers:
         return [not_checked(name, NO_TASKS if job is None else "") for name in CRITERIA]
     order, grip, still = Worst(), Worst(), Worst()
-    for giving, taking in _shares(job):
+    for giving, taking in _paired_tasks(job):
         if wrong := _wrong_events(schedule, giving, taking):
             order.add(np.inf, wrong)
     for span in handover_spans(job, spans):
@@ -109,8 +109,8 @@ def check_handovers(
     ]
 
 
-def _shares(job: Job) -> list[tuple[Task, Task]]:
-    """Returns the giver's and the taker's share of every hand-over."""
+def _paired_tasks(job: Job) -> list[tuple[Task, Task]]:
+    """Pair the giving and taking tasks of every hand-over."""
     takers = {t.id: t for t in job.tasks if t.handover and t.stops[0].action == "take"}
     givers = [t for t in job.tasks if t.handover and t.stops[0].action == "pick"]
     return [(task, takers[task.id]) for task in givers]
@@ -121,7 +121,7 @@ def _events(schedule: Schedule, task: Task, action: str) -> list[Event]:
 
 
 def _wrong_events(schedule: Schedule, giving: Task, taking: Task) -> str:
-    """Returns which event of a hand-over is not there once, or by whom it should not be, or an empty string."""
+    """Describe a missing, repeated or wrongly assigned event of a hand-over, if any."""
     for task in (giving, taking):
         for stop in task.stops:
             count = len(_events(schedule, task, stop.action))
@@ -134,7 +134,7 @@ def _wrong_events(schedule: Schedule, giving: Task, taking: Task) -> str:
 
 
 def _judge_order(schedule: Schedule, span: HandoverSpan, worst: Worst) -> None:
-    """Adds by how much an event of a hand-over comes too early [s]."""
+    """Add the times by which events of a hand-over come too early [s]."""
     name, gripped = span.giving.id, span.take.time + span.take.dwell
     worst.add(
         gripped - span.give.time,
@@ -152,9 +152,9 @@ def _judge_order(schedule: Schedule, span: HandoverSpan, worst: Worst) -> None:
 
 
 def _judge_grip(schedule: Schedule, span: HandoverSpan, model: ToolModel, worst: Worst) -> None:
-    """Adds how far the taking tool is from its grip when it grips, and when the giver lets go [m, rad]."""
+    """Add the errors of the taking tool's grip at both events [m, rad]."""
     work = span.giving.handover
-    assert work is not None  # it has one, as a hand-over
+    assert work is not None  # hand-overs have one
     for time, what in ((span.take.time, "grips"), (span.give.time, "holds it")):
         [q] = schedule.trajectory.at(np.array([time]))[0]
         off = (model.pose(span.giving.arm, q) * work.grip).actInv(model.pose(span.taking.arm, q))
@@ -172,7 +172,7 @@ def _judge_still(
     worst: Worst,
     what: str,
 ) -> None:
-    """Adds how far a tool moves or turns between two instants [m, rad]."""
+    """Add the largest motion of a tool between two instants [m, rad]."""
     start, end = times
     if not end > start:
         return
@@ -185,20 +185,22 @@ def _judge_still(
 
 
 def handover_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
-    """Returns when a part that goes from arm to arm may touch the other arm's tool, and itself as that one holds it.
+    """List the contacts that hand-overs allow.
+
+    The part may touch the other arm's tool, and itself as held by that arm.
 
     Args:
-        job: as it was done.
+        job: as done.
         spans: of the job's stops.
     """
-    found = []
+    touches = []
     for span in handover_spans(job, spans):
         giver, taker = span.giving.arm, span.taking.arm
         given, taken = (giver, span.giving.part), (taker, span.taking.part)
         tools = {arm: ("", f"{arm}_tool") for arm in (giver, taker)}
         for pair in ((given, taken), (given, tools[taker]), (taken, tools[giver])):
-            found.append(Touch(frozenset(pair), span.start, span.end, gripped=True))
-    return found
+            touches.append(Touch(frozenset(pair), span.start, span.end, gripped=True))
+    return touches
 
 
 CHECKS = KindChecks(

@@ -1,4 +1,4 @@
-"""Hand-overs in the planner: both arms meet."""
+"""Planner interface of hand-overs: both arms meet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hand-overs of task files: where a part goes from the giving tool into the taking one, and how that grips it."""
+"""Hand-overs of task files: the giving tool's pose and the grip of the taking one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _NO_FREEDOM = {
 
 
 class HandoverSection(FramedPose):
-    """Where a part goes from one arm's tool into the other's."""
+    """Place and grip of a hand-over."""
 
     at: Name | None = Field(
         default=None, description="Named frame that the pose is given in; same as `in`."
@@ -58,7 +58,7 @@ class HandoverSection(FramedPose):
 
 
 class HandoverTask(TaskHead):
-    """A task whose part may go from arm to arm."""
+    """Task with an optional hand-over."""
 
     handover: HandoverSection | None = Field(
         default=None,
@@ -76,16 +76,14 @@ class HandoverTask(TaskHead):
 
 
 def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
-    """Returns each arm's share of a hand-over: pick and give, take and place.
+    """Create each arm's task of a hand-over: pick and give, take and place.
 
     Args:
         reader: of the file.
         section: the task as the file has it.
-        loc: where it stands.
+        loc: its location in the file.
     """
-    assert (
-        isinstance(section, HandoverTask) and section.handover is not None
-    )  # asked for by its key
+    assert isinstance(section, HandoverTask) and section.handover is not None  # selected by its key
     handover, place = section.handover, (*loc, "handover")
     arm = reader.arm(section, loc)
     if arm is None:
@@ -111,7 +109,7 @@ def handover_shares(
     meeting: tuple[pin.SE3, pin.SE3],
     place: Place,
 ) -> list[Task]:
-    """Returns the giver's share of a hand-over, pick and give, and the taker's, take and place.
+    """Create the giving task, pick and give, and the taking one, take and place.
 
     The taker approaches and grips while the giver stands still; then the giver lets go and retracts.
 
@@ -120,7 +118,7 @@ def handover_shares(
         taker: the taking arm.
         stops: the pick and the place.
         meeting: the giving tool's pose in the world, and the taking tool's in the giving one's frame.
-        place: where the hand-over is written.
+        place: of the hand-over in the file.
     """
     pick, put = stops
     pose, grip = meeting
@@ -140,11 +138,11 @@ def handover_shares(
 
 
 def with_taken_parts(document: Document, model: TasksFile, job: Job) -> Job:
-    """Returns a job whose cell knows every part that is handed over also as it hangs in the taking tool."""
+    """Add every handed-over part to the cell as it hangs in the taking tool."""
     cell = job.cell
     for task in job.tasks:
         work = task.handover
-        # The giver's share comes first; the taker's part is the one that is made here.
+        # The giving task comes first; the taking task's part is created here.
         if work is not None and task.stops[0].action == "pick" and task.part:
             cell = with_taken_part(cell, task.part, task.id, work.grip)
     return replace(job, cell=cell)

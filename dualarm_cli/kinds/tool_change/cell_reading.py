@@ -1,4 +1,4 @@
-"""Tools that arms change by themselves: from a cell file's section to the data model."""
+"""Tool changes of cell files: from their section to the data model."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from dualarm_cli.model.place import Place
 from dualarm_cli.model.shape import Shape
 
 NO_TOOL = "none"
-"""What files call it that no tool is on."""
+"""Name of no tool in files."""
 PARALLEL = 1e-6
-"""How far a tool's z axis may lean from that of the arm's own tool [rad]."""
-APART = 1e-3
-"""Stands are at least so far apart [m]: where the arm is decides which tool is meant."""
+"""Largest angle between the z axes of a tool and the arm's own tool [rad]."""
+LEAST_STAND_DISTANCE = 1e-3
+"""Least distance between stands [m]. The arm's position decides which tool is meant."""
 
 ShapeReader = Callable[[ShapeSection, Loc, dict[str, pin.SE3]], Shape | None]
 
 
 class ChangedToolSection(ToolSection):
-    """A tool that an arm takes from its stand and leaves there."""
+    """Tool that an arm takes from its stand and leaves there."""
 
     stand: FramedPose = Field(
         description="Pose of the arm's own tool frame (tools: tcp) while it "
@@ -57,7 +57,7 @@ class ChangedToolSection(ToolSection):
 
 
 class ArmChangesSection(Section):
-    """The tools that one arm changes by itself."""
+    """Tools that one arm changes."""
 
     start: Name = Field(
         description="The tool mounted at the start, and with return: true at the end; none for no tool."
@@ -79,14 +79,14 @@ class ArmChangesSection(Section):
 
 
 class ToolChangesSection(Section):
-    """The tools that each arm changes."""
+    """Tools that each arm changes."""
 
     left: ArmChangesSection | None = Field(default=None, description="Those of the left arm.")
     right: ArmChangesSection | None = Field(default=None, description="Those of the right arm.")
 
 
 class ToolChangesFile(CellFile):
-    """A cell file that may have tools that arms change."""
+    """Cell file with tools that arms change."""
 
     tool_changes: ToolChangesSection = Field(
         default=ToolChangesSection.model_construct(),
@@ -97,17 +97,17 @@ class ToolChangesFile(CellFile):
 def read_tool_changes(
     reader: CellReader, model: CellFile, tools: dict[str, Tool], frames: dict[str, pin.SE3]
 ) -> AddedToCell:
-    """Returns the tools that each arm changes, after noting what is wrong with them.
+    """Create the tools that each arm changes, and report errors.
 
     Args:
         reader: of the cell file.
         model: its content.
-        tools: what is always on each arm.
+        tools: permanent tool of each arm.
         frames: named frames in the world.
     """
-    assert isinstance(model, ToolChangesFile)  # as the list of kinds has it
+    assert isinstance(model, ToolChangesFile)  # the registry of kinds guarantees it
     document, findings = reader.document, reader.findings
-    found = {}
+    changes = {}
     sections = {"left": model.tool_changes.left, "right": model.tool_changes.right}
     for arm, section in sections.items():
         if section is None:
@@ -117,10 +117,10 @@ def read_tool_changes(
             message = f"the robot has no {arm} arm; it has {', '.join(tools)}"
             findings.add(document, loc, message, key=True)
             continue
-        found[arm] = _of_arm(reader, section, loc, tools[arm], frames)
-    _check_stands(document, found, findings)
-    _check_names(document, found, list(model.parts), findings)
-    if found and model.limits.tool_speed is not None:
+        changes[arm] = _of_arm(reader, section, loc, tools[arm], frames)
+    _check_stands(document, changes, findings)
+    _check_names(document, changes, list(model.parts), findings)
+    if changes and model.limits.tool_speed is not None:
         message = (
             "a cap on the tools' speed does not go with tool_changes in this version: it is measured at the permanent "
             "tool, not at the changed ones; remove one of the two"
@@ -128,17 +128,17 @@ def read_tool_changes(
         findings.add(document, ("limits", "tool_speed"), message, "E310")
     bodies: list[tuple[Loc, str]] = [
         (("tool_changes", arm, "tools", name), f"{arm}_{name}")
-        for arm, own in found.items()
-        for name in own.tools
+        for arm, arm_changes in changes.items()
+        for name in arm_changes.tools
     ]
-    return AddedToCell({"tool_changes": found}, bodies)
+    return AddedToCell({"tool_changes": changes}, bodies)
 
 
 def _of_arm(
     reader: CellReader,
     section: ArmChangesSection,
     loc: Loc,
-    own: Tool,
+    permanent: Tool,
     frames: dict[str, pin.SE3],
 ) -> ToolChanges:
     document, findings = reader.document, reader.findings
@@ -151,12 +151,12 @@ def _of_arm(
             continue
         shapes = [reader.shape(s, (*place, "shapes", k), {}) for k, s in enumerate(entry.shapes)]
         tool = Tool(to_se3(entry.tcp), entry.mass, tuple(s for s in shapes if s))
-        _check_axis(document, place, name, tool, own, findings)
+        _check_axis(document, place, name, tool, permanent, findings)
         stand = _stand(document, entry, place, frames, findings)
         tools[name] = ChangedTool(tool, stand)
-    known = [*tools, NO_TOOL]
-    if section.start not in known:
-        message = f"there is no tool {quote(section.start)}{suggest(section.start, known, 'tools')}"
+    names = [*tools, NO_TOOL]
+    if section.start not in names:
+        message = f"there is no tool {quote(section.start)}{suggest(section.start, names, 'tools')}"
         findings.add(document, (*loc, "start"), message)
     start = "" if section.start == NO_TOOL else section.start
     line, column = document.place(loc)
@@ -185,10 +185,13 @@ def _stand(
 
 
 def _check_axis(
-    document: Document, place: Loc, name: str, tool: Tool, own: Tool, findings: Findings
+    document: Document, place: Loc, name: str, tool: Tool, permanent: Tool, findings: Findings
 ) -> None:
-    """Notes a tool whose z axis is not that of the arm's own: lines run along both."""
-    z = own.tcp.actInv(tool.tcp).rotation[:, 2]
+    """Report a tool whose z axis differs from the permanent tool's.
+
+    Lines run along both.
+    """
+    z = permanent.tcp.actInv(tool.tcp).rotation[:, 2]
     lean = float(arctan2(np.hypot(z[0], z[1]), z[2]))
     if lean > PARALLEL:
         message = (
@@ -201,15 +204,15 @@ def _check_axis(
 def _check_stands(
     document: Document, changes: Mapping[str, ToolChanges], findings: Findings
 ) -> None:
-    """Notes stands that are at the same place."""
+    """Report stands at the same place."""
     stands = [
-        (arm, name, one.stand.translation)
-        for arm, own in changes.items()
-        for name, one in own.tools.items()
+        (arm, name, tool.stand.translation)
+        for arm, arm_changes in changes.items()
+        for name, tool in arm_changes.tools.items()
     ]
-    for (arm, name, here), (_, other, there) in combinations(stands, 2):
-        if float(norm(here - there)) < APART:
-            message = f"the stands of {quote(name)} and {quote(other)} are at the same place"
+    for (arm, name, position_a), (_, other_name, position_b) in combinations(stands, 2):
+        if float(norm(position_a - position_b)) < LEAST_STAND_DISTANCE:
+            message = f"the stands of {quote(name)} and {quote(other_name)} are at the same place"
             findings.add(document, ("tool_changes", arm, "tools", name, "stand"), message)
 
 
@@ -219,10 +222,10 @@ def _check_names(
     parts: Sequence[str],
     findings: Findings,
 ) -> None:
-    """Notes tools whose names could be taken for a part's, or for a tool with a part in it."""
-    for arm, own in changes.items():
+    """Report tools whose names could mean a part, or a tool with a part in it."""
+    for arm, arm_changes in changes.items():
         others = {Held("", part).name for part in parts}
-        for name in own.tools:
+        for name in arm_changes.tools:
             mine = {Held(name, part).name for part in ("", *parts)}
             mine.add(Held(name, docking=True).name)
             if mine & others:

@@ -1,4 +1,4 @@
-"""Check that every task is done with its tool, from events that take and leave tools."""
+"""Check that every task has its tool mounted, from events at tool stands."""
 
 from __future__ import annotations
 
@@ -26,23 +26,28 @@ CRITERIA = {
 
 
 def tool_at(event: Event, job: Job) -> str:
-    """Returns the tool whose stand an event is at: the nearest one's. How near is for the check of the targets."""
+    """Find the tool whose stand is nearest to an event.
+
+    The check of targets judges the distance.
+    """
     tools = job.cell.tool_changes[event.arm].tools
-    here = event.pose.translation
-    return min(tools, key=lambda name: float(norm(tools[name].stand.translation - here)))
+    position = event.pose.translation
+    return min(tools, key=lambda name: float(norm(tools[name].stand.translation - position)))
 
 
 def change_tasks(schedule: Schedule, job: Job) -> list[tuple[float, Task]]:
-    """Returns the tool changes of a schedule with their times [s], as tasks, for what judges targets, lines and dwells.
+    """Create tasks from the tool changes of a schedule, with their times [s].
+
+    The checks of targets, lines and dwells use them.
 
     Args:
-        schedule: what is judged.
-        job: its cell has tools and stands.
+        schedule: the schedule.
+        job: its job, whose cell has tools and stands.
     """
     names = {task.id for task in job.tasks}
-    found: dict[str, tuple[float, Task]] = {}
+    tasks: dict[str, tuple[float, Task]] = {}
     for event in sorted(schedule.events, key=lambda event: event.time):
-        if not is_change(event, job) or event.task in names or event.task in found:
+        if not is_change(event, job) or event.task in names or event.task in tasks:
             continue
         changes, tool = job.cell.tool_changes[event.arm], tool_at(event, job)
         action: Action = "take_tool" if event.action == "take_tool" else "leave_tool"
@@ -54,19 +59,19 @@ def change_tasks(schedule: Schedule, job: Job) -> list[tuple[float, Task]]:
             Dwell(gripper=changes.time),
             changes.place,
         )
-        found[event.task] = event.time, Task(event.task, event.arm, (stop,), tool=tool)
-    return list(found.values())
+        tasks[event.task] = event.time, Task(event.task, event.arm, (stop,), tool=tool)
+    return list(tasks.values())
 
 
 def check_tool_changes(schedule: Schedule, job: Job | None) -> Check:
-    """Checks that each arm does every task with its tool mounted, and that every tool change is possible and needed.
+    """Check that each task has its tool mounted, and every tool change is possible and needed.
 
-    A tool is taken where none is on, and left at its own stand, never within a task; in a cycle that of the
-    start is on again at its end. Every visit to a stand has a name of its own.
+    A tool is taken by an arm without a tool, and left at its own stand, never within a task. A cycle ends with the tool
+    of its start. Every visit to a stand has a unique name.
 
     Args:
-        schedule: what is judged.
-        job: as its file leaves it; None where there is no task file.
+        schedule: the schedule.
+        job: as read from its file; None without a task file.
     """
     if job is None:
         return not_checked(NAME, NO_TASKS)
@@ -76,31 +81,31 @@ def check_tool_changes(schedule: Schedule, job: Job | None) -> Check:
     for arm in job.cell.tool_changes:
         events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
         faults += _Hand(arm, job).faults_of(events)
-    # What bears the name of another one is judged by nothing else: targets, lines and dwells go by names.
+    # No other check finds repeated names: targets, lines and dwells are matched by name.
     named = Counter(event.task for event in schedule.events if is_change(event, job))
     faults += [
         f"{task} is the name of {count} visits to stands"
         for task, count in named.items()
         if count > 1
     ]
-    where = faults[0] if faults else "every task with its tool mounted"
-    return judge(NAME, len(faults), 0, where)
+    detail = faults[0] if faults else "every task with its tool mounted"
+    return judge(NAME, len(faults), 0, detail)
 
 
 @dataclass
 class _Hand:
-    """One arm's tools, followed through its events."""
+    """Tools of one arm, followed through its events."""
 
     arm: str
     job: Job
     faults: list[str] = field(default_factory=list)
 
     def faults_of(self, events: Sequence[Event]) -> list[str]:
-        """Returns what is wrong, in the order of the events."""
+        """List the faults in the order of the events."""
         start = self.job.cell.start_tool(self.arm)
         tasks = {task.id: task for task in self.job.tasks}
         on, open_task = start, ""
-        # The tool that was on when the last task was done, while a change goes on since then.
+        # Tool of the last task, while a change is in progress.
         before: str | None = None
         for event in events:
             if is_change(event, self.job):
@@ -114,7 +119,7 @@ class _Hand:
                 continue
             task = tasks.get(event.task)
             if task is None:
-                continue  # what no task asks for is the order's to find
+                continue  # the check of the order finds unknown tasks
             if task.tool != on:
                 done, due = (f"tool {name}" if name else "no tool" for name in (on, task.tool))
                 self._note(
@@ -132,7 +137,7 @@ class _Hand:
         return self.faults
 
     def _changed(self, event: Event, on: str, *, first: bool) -> str:
-        """Returns what is on after a tool was taken or left; `first` after a task."""
+        """Return the mounted tool after one was taken or left; `first` after a task."""
         tool = tool_at(event, self.job)
         if event.action == "leave_tool":
             if not on:

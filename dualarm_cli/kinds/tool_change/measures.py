@@ -11,30 +11,30 @@ from dualarm_cli.model.schedule import Schedule
 
 
 def tool_change_rows(schedule: Schedule, job: Job) -> dict[str, dict[str, float]]:
-    """Returns, by arm that may change tools, how often it does, its visits to stands, and how long that takes [s].
+    """Measure each arm's tool changes: number, visits to stands, and time [s].
 
-    Visits one right after the other are one change. The time is that of transfers to stands, lines and dwells there;
-    what a detour over the stands costs on the way to the next task is not in it.
+    Consecutive visits are one change. The time has transfers to stands, lines and dwells there, but not the longer
+    transfer to the next task.
 
     Args:
         schedule: with events and segments.
-        job: what it was planned for.
+        job: its job.
     """
-    found = {}
+    rows = {}
     for arm in job.cell.tool_changes:
         events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
         at_stand = [event.action in AT_STANDS for event in events]
-        own = [s for s in schedule.segments if s.arm == arm and s.action in AT_STANDS]
-        found[arm] = {
+        segments = [s for s in schedule.segments if s.arm == arm and s.action in AT_STANDS]
+        rows[arm] = {
             "changes": sum(b and not a for a, b in pairwise([False, *at_stand])),
             "visits": sum(at_stand),
-            "time": sum(s.end - s.start for s in own if s.kind != "wait"),
+            "time": sum(s.end - s.start for s in segments if s.kind != "wait"),
         }
-    return found
+    return rows
 
 
 def tool_change_lines(report: dict[str, Any]) -> list[str]:
-    """Returns how often each arm changes tools, in words.
+    """Describe the number and time of each arm's tool changes.
 
     Args:
         report: as built by `build_report`.

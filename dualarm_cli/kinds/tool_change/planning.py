@@ -1,4 +1,4 @@
-"""Tool changes in the planner: two stops more wherever the next task asks for another tool."""
+"""Planner interface of tool changes: stops at stands wherever the next task needs another tool."""
 
 from __future__ import annotations
 

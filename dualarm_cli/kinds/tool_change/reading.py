@@ -1,4 +1,4 @@
-"""With which tool a task is done, and its targets as the arm's own tool frame sees them."""
+"""Tools of tasks, and targets in the frame of the arm's permanent tool."""
 
 from __future__ import annotations
 
@@ -20,11 +20,14 @@ from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY, PoseTarget, Target, Task
 
 COAXIAL = 1e-6
-"""How far a tool's z axis may be beside that of the arm's own where a target leaves turns about it open [m]."""
+"""Largest distance between the z axes of a tool and the arm's own [m].
+
+It holds for targets that are free about z.
+"""
 
 
 class ToolTask(TaskHead):
-    """A task that may say with which tool it is done."""
+    """Task that may name its tool."""
 
     tool: Name | None = Field(
         default=None,
@@ -33,7 +36,7 @@ class ToolTask(TaskHead):
 
 
 class ToolDefaults(DefaultsSection):
-    """Defaults that may say with which tool tasks are done."""
+    """Defaults that may name the tool of tasks."""
 
     tool: Name | None = Field(default=None, description="The tool for all tasks; none for no tool.")
 
@@ -41,13 +44,13 @@ class ToolDefaults(DefaultsSection):
 def check_tool_changes(
     document: Document, model: TasksFile, cell: Cell, findings: Findings
 ) -> None:
-    """Notes what does not go with tools that are changed.
+    """Report keys that cannot be combined with tool changes.
 
     Args:
         document: the task file.
         model: its content.
         cell: its cell.
-        findings: where errors are noted.
+        findings: receives the errors.
     """
     if not cell.tool_changes:
         if _default(model.defaults) is not None:
@@ -72,7 +75,7 @@ def check_tool_changes(
 
 
 def _check_name(document: Document, index: int, name: str, cell: Cell, findings: Findings) -> None:
-    """Notes an id that could be taken for a visit to a stand."""
+    """Report an id that could mean a visit to a stand."""
     for changes in cell.tool_changes.values():
         for tool in changes.tools:
             if name.startswith((f"take {tool} (", f"leave {tool} (")):
@@ -82,80 +85,80 @@ def _check_name(document: Document, index: int, name: str, cell: Cell, findings:
 
 
 def with_tool(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> Task:
-    """Returns a task with its tool, by an arm that has it, its targets as the arm's own tool frame reaches them.
+    """Assign a task's tool, an arm that has it, and targets in the permanent tool's frame.
 
     Args:
         reader: of the file.
         section: the task as the file has it.
-        loc: where it stands.
-        task: without a tool.
+        loc: its location in the file.
+        task: the task without a tool.
     """
-    assert isinstance(section, ToolTask)  # as the list of kinds has it
+    assert isinstance(section, ToolTask)  # the registry of kinds guarantees it
     arm, tool = _choose(reader, section, loc, task.arm)
     stops = [
-        replace(stop, target=_seen(reader, stop.target, (*loc, stop.action), arm, tool))
+        replace(stop, target=_in_own_frame(reader, stop.target, (*loc, stop.action), arm, tool))
         for stop in task.stops
     ]
     return replace(task, arm=arm, stops=tuple(stops), tool=tool)
 
 
 def _default(defaults: DefaultsSection) -> str | None:
-    """Returns the tool of tasks that name none."""
+    """Return the tool of tasks that name none."""
     return defaults.tool if isinstance(defaults, ToolDefaults) else None
 
 
 def _choose(reader: TaskReader, section: ToolTask, loc: Loc, arm: str) -> tuple[str, str]:
-    """Returns the arm that does a task (ANY for either) and the tool, empty for none; notes what is wrong."""
+    """Choose arm (ANY for either) and tool (empty for none) of a task; report errors."""
     cell, changes = reader.cell, reader.cell.tool_changes
     arms = reader.arms if arm == ANY else [arm]
     if not any(name in changes for name in arms):
         if section.tool not in (None, NO_TOOL):
-            whose = "the cell has no tool_changes" if not changes else f"{arm} changes no tools"
-            _note(reader, loc, section, f"{whose}; remove 'tool'")
+            owner = "the cell has no tool_changes" if not changes else f"{arm} changes no tools"
+            _note(reader, loc, section, f"{owner}; remove 'tool'")
         return arm, ""
-    said = section.tool if section.tool is not None else _default(reader.defaults)
-    known = {tool for name in arms if name in changes for tool in changes[name].tools}
-    if said is None:
+    requested = section.tool if section.tool is not None else _default(reader.defaults)
+    available = {tool for name in arms if name in changes for tool in changes[name].tools}
+    if requested is None:
         message = (
             f"task {quote(section.id)} names no tool; give tool: or "
-            f"defaults: {{tool: …}}, one of {', '.join([*sorted(known), NO_TOOL])}"
+            f"defaults: {{tool: …}}, one of {', '.join([*sorted(available), NO_TOOL])}"
         )
         reader.note(loc, message, "E202")
         return arm, ""
-    if said == NO_TOOL:
+    if requested == NO_TOOL:
         return arm, ""
-    able = [name for name in arms if said in cell.tool_names(name)]
-    if not able:
-        hint = suggest(said, [*sorted(known), NO_TOOL], "tools")
-        whose = "no arm has a" if arm == ANY else f"the {arm} arm has no"
-        _note(reader, loc, section, f"{whose} tool {quote(said)}{hint}")
+    capable = [name for name in arms if requested in cell.tool_names(name)]
+    if not capable:
+        hint = suggest(requested, [*sorted(available), NO_TOOL], "tools")
+        owner = "no arm has a" if arm == ANY else f"the {arm} arm has no"
+        _note(reader, loc, section, f"{owner} tool {quote(requested)}{hint}")
         return arm, ""
-    if len(able) == len(arms) > 1:
-        first, second = (cell.T_own_tool(name, said) for name in able)
+    if len(capable) == len(arms) > 1:
+        first, second = (cell.T_own_tool(name, requested) for name in capable)
         if not first.isApprox(second, COAXIAL):
             message = (
-                f"tool {quote(said)} is not the same on both arms (its tcp as the arm's own tcp has it), so its "
+                f"tool {quote(requested)} is not the same on both arms (its tcp as the arm's own tcp has it), so its "
                 "targets are not the same either: write arm: left or right"
             )
             _note(reader, loc, section, message)
-    return (arm if len(able) == len(arms) else able[0]), said
+    return (arm if len(capable) == len(arms) else capable[0]), requested
 
 
-def _seen(reader: TaskReader, target: Target, loc: Loc, arm: str, tool: str) -> Target:
-    """Returns a target as the arm's own tool frame reaches it while a changed tool's centre point is there.
+def _in_own_frame(reader: TaskReader, target: Target, loc: Loc, arm: str, tool: str) -> Target:
+    """Convert a target of a changed tool's centre point to the permanent tool's frame.
 
-    T_world_own = T_world_target T_tool_own. Joint configurations say all themselves.
+    T_world_own = T_world_target T_tool_own. Joint configurations stay.
     """
     if not tool or not isinstance(target, PoseTarget):
         return target
-    able = [name for name in reader.arms if tool in reader.cell.tool_names(name)]
-    T_own_tool = reader.cell.T_own_tool(able[0] if arm == ANY else arm, tool)
-    beside = float(np.hypot(*T_own_tool.translation[:2]))
-    if beside > COAXIAL and (target.free_yaw or target.symmetry > 1):
+    capable = [name for name in reader.arms if tool in reader.cell.tool_names(name)]
+    T_own_tool = reader.cell.T_own_tool(capable[0] if arm == ANY else arm, tool)
+    offset = float(np.hypot(*T_own_tool.translation[:2]))
+    if offset > COAXIAL and (target.free_yaw or target.symmetry > 1):
         key = "free" if target.free_yaw else "symmetry"
         message = (
             f"turns about the z axis of tool {quote(tool)} are free here, but that axis is "
-            f"{beside * 1e3:.3g} mm beside the arm's own tool's (tool_changes: tcp); remove '{key}', or make the "
+            f"{offset * 1e3:.3g} mm beside the arm's own tool's (tool_changes: tcp); remove '{key}', or make the "
             "two coaxial"
         )
         reader.note((*loc, key), message)
