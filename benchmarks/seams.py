@@ -23,8 +23,8 @@ from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
+from dualarm_cli.kinds.seam.closed_chain.posture_paths import steady_time
 from dualarm_cli.kinds.seam.closed_chain.starts import beyond_limits, seam_starts
-from dualarm_cli.kinds.seam.closed_chain.ways import steady_time
 from dualarm_cli.kinds.seam.motion import timed_seam
 from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.model.curves.contours import Contour, Ellipse, LineContour, Saddle, SphereArc
@@ -135,14 +135,14 @@ def _problem(job: Job, work: SeamWork, effort: str, seed: int) -> SeamProblem:
         chain=Chain(job.cell, work),
         limits=robot.limits,
         start=np.array(robot.postures["home"]),
-        near=None,
+        reference=None,
         begin=None,
         time=work.length / FAST,
         samples=EFFORTS[effort].seam_samples,
-        tried=EFFORTS[effort].seam_starts,
+        improved_starts=EFFORTS[effort].seam_starts,
         seed=seed,
-        coming=None,
-        goes_on=None,
+        transfer_times=None,
+        can_continue=None,
         clear=None,
     )
 

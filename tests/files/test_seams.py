@@ -380,7 +380,7 @@ def test_files_of_poses_that_are_no_curve(
         ("speed: 50 mm/s", "speed: 1\n      touches: [tabel]", "12:17: E300 there is no body 'tabel', did you mean 'table'?"),
         ("speed: 50 mm/s", "speed: 1\n      posture: bend", "12:16: E300 Tiny has no posture 'bend', did you mean 'bent'?"),
         ("speed: 50 mm/s", "speed: 1\n      hold: stil", "12:13: E200 'stil' is not allowed, did you mean 'still'? Allowed: free, still"),
-        ("speed: 50 mm/s", "speed: 1\n      hold: {}", "12:13: E200 give free, still, a pose (xyz, rpy) or a way"),
+        ("speed: 50 mm/s", "speed: 1\n      hold: {}", "12:13: E200 give free, still, a pose (xyz, rpy) or a curve (way)"),
         ("speed: 50 mm/s", "speed: 1\n      hold: {way: {}}", "12:14: E200 no curve; give through or poses"),
         ("speed: 50 mm/s", "speed: 1\n      hold: {mode: free, xyz: [0, 0, 0]}", "12:26: E200 'xyz' does not go with 'mode'; keep one"),
         ("speed: 50 mm/s", "speed: 1\n      hold: {mode: still, in: bin}", "12:27: E200 'in' goes with a pose; the poses of a curve have their own"),

@@ -71,10 +71,10 @@ def problem_on(cell: Cell, work: SeamWork, time: float = 0.05, **changes: Any) -
         chain=Chain(cell, work),
         limits=robot.limits,
         start=np.array(robot.postures["home"]),
-        near=None,
+        reference=None,
         time=time,
         samples=100,
-        tried=2,
+        improved_starts=2,
         seed=0,
         clear=None,
     )

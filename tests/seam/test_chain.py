@@ -66,7 +66,7 @@ def test_residuals_vanish_where_the_chain_is_closed_by_hand(cells, make, name, t
         work = closed_work(make, cell, q, tool=tool, spin=1.3 if tool.free_spin else 0.0)
         assert equations(cell, work, q).size[0] < 1e-12
         # Two shares of the line are 0.06 m times their difference apart.
-        far = np.linalg.norm(equations(cell, work, q, 0.8).left[0, :3])
+        far = np.linalg.norm(equations(cell, work, q, 0.8).residuals[0, :3])
         assert far == pytest.approx(0.03, abs=1e-12)
 
 
@@ -76,16 +76,16 @@ def test_what_is_off_is_measured_in_the_tool_s_own_frame(cells, make):
     q = drawn(cell, 1)
     fixed = replace(TOOLS[1])
     found = equations(cell, closed_work(make, cell, q, tool=fixed, spin=0.2), q)
-    np.testing.assert_allclose(found.left[0], [0, 0, 0, 0, 0, 0.2], atol=1e-12)
+    np.testing.assert_allclose(found.residuals[0], [0, 0, 0, 0, 0, 0.2], atol=1e-12)
     assert found.size[0] == pytest.approx(0.2 * TURN)
     leant = equations(cell, closed_work(make, cell, q, tool=fixed, lean=(0.05, -0.02)), q)
-    np.testing.assert_allclose(leant.left[0], [0, 0, 0, 0.05, -0.02, 0], atol=1e-12)
+    np.testing.assert_allclose(leant.residuals[0], [0, 0, 0, 0.05, -0.02, 0], atol=1e-12)
     tilting = TOOLS[3]
     inside = equations(cell, closed_work(make, cell, q, tool=tilting, lean=(0.03, 0.04)), q)
     assert inside.size[0] < 1e-12
     beyond = equations(cell, closed_work(make, cell, q, tool=tilting, lean=(0.09, 0.12)), q)
     # x, y, z, spin, then the lean of 0.15 beyond 0.1.
-    np.testing.assert_allclose(beyond.left[0], [0, 0, 0, 0, 0.15 - KEPT * 0.1], atol=1e-12)
+    np.testing.assert_allclose(beyond.residuals[0], [0, 0, 0, 0, 0.15 - KEPT * 0.1], atol=1e-12)
     assert beyond.one_sided == 1
     assert beyond.exact.size[0] < 1e-12
 
@@ -116,7 +116,7 @@ def test_slopes_are_those_of_the_residuals_in_closed_chains(cells, make, name, t
     q = drawn(cell, seed)
     chain = Chain(cell, closed_work(make, cell, q, tool=tool))
     share = np.full(len(q), 0.3)
-    expected = differences(lambda p: chain.equations(chain.bodies(p), share).left, q)
+    expected = differences(lambda p: chain.equations(chain.bodies(p), share).residuals, q)
     found = chain.equations(chain.bodies(q[None]), share[:1]).slope[0]
     np.testing.assert_allclose(found, expected, atol=1e-8)
 
@@ -144,7 +144,7 @@ def test_slopes_of_one_sided_rows(cells, make):
         share = np.full(len(q), 0.3)
         at = chain.equations(chain.bodies(q[None]), share[:1])
         assert at.one_sided == 2
-        expected = differences(lambda p: chain.equations(chain.bodies(p), share).left, q)  # noqa: B023
+        expected = differences(lambda p: chain.equations(chain.bodies(p), share).residuals, q)  # noqa: B023
         # To the first power of the lean, 5e-3.
         np.testing.assert_allclose(at.slope[0, -2], expected[-2], atol=2e-2)
         np.testing.assert_allclose(at.slope[0, -1], expected[-1], atol=1e-6)
@@ -161,7 +161,7 @@ def test_the_surface_s_lean_is_pinocchio_s(cells, make):
         normal = part.rotation @ np.array([np.cos(angle), np.sin(angle), 0.0])
         found = equations(cell, work, q, 0.4)
         expected = max(0.0, np.arccos(normal[2]) - KEPT * 0.2)
-        assert found.left[0, -1] == pytest.approx(expected, abs=1e-9)
+        assert found.residuals[0, -1] == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_part_s_equations_vanish_at_its_pose_and_have_its_slopes(cells, make):
@@ -176,9 +176,9 @@ def test_the_part_s_equations_vanish_at_its_pose_and_have_its_slopes(cells, make
     off = chain.part_equations(
         chain.bodies(q[None]), (pin.exp3(w) @ part.rotation)[None], (part.translation + d)[None]
     )
-    np.testing.assert_allclose(off.left[0], [*-d, *-w], atol=1e-12)
+    np.testing.assert_allclose(off.residuals[0], [*-d, *-w], atol=1e-12)
     R, p = np.tile(part.rotation, (len(q), 1, 1)), np.tile(part.translation, (len(q), 1))
-    expected = differences(lambda p_: chain.part_equations(chain.bodies(p_), R, p).left, q)
+    expected = differences(lambda p_: chain.part_equations(chain.bodies(p_), R, p).residuals, q)
     np.testing.assert_allclose(at.slope[0], expected, atol=1e-8)
 
 
@@ -196,7 +196,7 @@ def test_a_platform_that_carries_both_arms_has_no_influence(cells, make, seed, t
     turned[torso] = turn
     share = np.array([0.6])
     one, other = (chain.equations(chain.bodies(p[None]), share) for p in (q, turned))
-    np.testing.assert_allclose(one.left, other.left, atol=1e-12)
+    np.testing.assert_allclose(one.residuals, other.residuals, atol=1e-12)
     np.testing.assert_allclose(one.slope, other.slope, atol=1e-12)
     np.testing.assert_allclose(one.slope[0][:, torso], 0.0, atol=1e-12)
 
@@ -215,7 +215,7 @@ def test_a_part_without_a_master_stands_in_the_world(cells, make):
     assert not chain.master_joints.any()
     assert equations(cell, work, q).size[0] < 1e-12
     share = np.full(len(q), 0.3)
-    expected = differences(lambda p: chain.equations(chain.bodies(p), share).left, q)
+    expected = differences(lambda p: chain.equations(chain.bodies(p), share).residuals, q)
     found = chain.equations(chain.bodies(q[None]), share[:1]).slope[0]
     np.testing.assert_allclose(found, expected, atol=1e-8)
 

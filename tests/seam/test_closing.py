@@ -65,7 +65,7 @@ def test_steps_are_those_of_least_weighted_norm(chain, limits):
     found = all_equations(chain, q, np.full(len(q), 0.5))
     weight = limits.velocity**2 * (chain.closes & (np.arange(15) != 3))
     steps = least_norm(found, weight, np.zeros_like(q))
-    for J, left, step in zip(found.slope, found.left, steps, strict=True):
+    for J, left, step in zip(found.slope, found.residuals, steps, strict=True):
         root = np.sqrt(weight)
         expected = root * (np.linalg.pinv(J * root) @ left)
         np.testing.assert_allclose(step, expected, atol=1e-7)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
+from dualarm_cli.kinds.seam.closed_chain.posture_paths import steady_time
 from dualarm_cli.kinds.seam.closed_chain.program import SeamProgram
 from dualarm_cli.kinds.seam.closed_chain.solvers import PROGRAM, improved
 from dualarm_cli.kinds.seam.closed_chain.starts import (
@@ -17,7 +18,6 @@ from dualarm_cli.kinds.seam.closed_chain.starts import (
     seam_starts,
     standing_joints,
 )
-from dualarm_cli.kinds.seam.closed_chain.ways import steady_time
 from dualarm_cli.model.curves.tool_path import ToolPath, Turn
 from dualarm_cli.model.seam import Hold, SeamTool
 

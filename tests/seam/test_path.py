@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.kinds.seam.path import PATH, _evened_out
+from dualarm_cli.kinds.seam.path import PATH, _smoothed
 
 
 @pytest.mark.parametrize("width", [0.6, 1.2, 2.0])
@@ -15,7 +15,7 @@ def test_evening_out_is_the_least_of_change_and_fourth_differences(width):
     D = np.diff(np.eye(60), 4, axis=0)
     weight = (width * PATH.per_node / np.pi) ** 8
     expected = np.linalg.solve(np.eye(60) + weight * D.T @ D, q)
-    assert _evened_out(q, width) == pytest.approx(expected, abs=1e-6)
+    assert _smoothed(q, width) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("width", [0.0, 0.6, 1.2, 2.0, 3.0])
@@ -23,7 +23,7 @@ def test_evening_out_keeps_cubics_up_to_both_ends(width):
     """A motion of steady jerk has no jerk more afterwards, at its ends either."""
     s = np.linspace(0.0, 1.0, 641)
     q = np.stack([s**3 - s, 2.0 * s**2, 1.0 - s], axis=-1)
-    found = _evened_out(q, width)
+    found = _smoothed(q, width)
     assert found == pytest.approx(q, abs=1e-6)
     wide = slice(None, None, 32)
     assert np.diff(found[wide], 3, axis=0) == pytest.approx(np.diff(q[wide], 3, axis=0), abs=1e-6)
@@ -34,6 +34,6 @@ def test_evening_out_takes_corners_away():
     k = np.arange(641)
     acceleration = np.where((k // PATH.per_node) % 2 == 0, 1.0, -1.0)
     q = np.cumsum(np.cumsum(acceleration))[:, None] / 640.0**2
-    before, after = (np.abs(np.diff(one, 3, axis=0)).max() for one in (q, _evened_out(q, 2.0)))
+    before, after = (np.abs(np.diff(one, 3, axis=0)).max() for one in (q, _smoothed(q, 2.0)))
     assert after < before / 20.0
-    assert np.abs(_evened_out(q, 2.0) - q).max() < 1e-3
+    assert np.abs(_smoothed(q, 2.0) - q).max() < 1e-3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.kinds.seam.closed_chain.ways import steady_time, steady_times
+from dualarm_cli.kinds.seam.closed_chain.posture_paths import steady_time, steady_times
 
 
 def test_a_sine_s_rates_by_hand(cells):

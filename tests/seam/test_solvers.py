@@ -21,7 +21,7 @@ def answers(cells, make):
     """What each solver makes of a line on an SDA10F's part."""
     tool = SeamTool(0.002, free_spin=True)
     problem = make.problem_on(
-        cells["sda10f"], make.work_on(make.line(), tool=tool), samples=40, tried=1
+        cells["sda10f"], make.work_on(make.line(), tool=tool), samples=40, improved_starts=1
     )
     return problem, {one.name: one.solve(problem) for one in SEAM_SOLVERS}
 
@@ -50,7 +50,9 @@ def test_the_same_problem_has_the_same_answer(cells, make):
     """To the last byte, solved twice from problems built twice."""
     found = [
         SEAM_SOLVERS["still"].solve(
-            make.problem_on(cells["yumi"], make.work_on(make.line(0.03)), samples=40, tried=1)
+            make.problem_on(
+                cells["yumi"], make.work_on(make.line(0.03)), samples=40, improved_starts=1
+            )
         )
         for _ in range(2)
     ]

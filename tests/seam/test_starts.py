@@ -9,13 +9,13 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
+from dualarm_cli.kinds.seam.closed_chain.posture_paths import path_cost, steady_times
 from dualarm_cli.kinds.seam.closed_chain.starts import (
     STARTS,
     seam_starts,
     standing_joints,
     why_impossible,
 )
-from dualarm_cli.kinds.seam.closed_chain.ways import steady_times, way_cost
 from dualarm_cli.model.curves.contours import LineContour
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
 from dualarm_cli.model.curves.point_spline import PointSpline
@@ -42,7 +42,7 @@ def test_every_way_is_closed_at_every_node_and_stands_where_it_has_to(cells, mak
         for k, way in enumerate(found.position)
         if ((way >= problem.bounds[0]) & (way <= problem.bounds[1]))[:, problem.chain.closes].all()
     ]
-    costs = [way_cost(problem, found.position[k]) for k in inside]
+    costs = [path_cost(problem, found.position[k]) for k in inside]
     assert (np.diff(costs) >= 0.0).all()
     # The cost is the time, and up to 65 % more for limits and singular postures that are near.
     times = steady_times(found.position[inside], problem.limits).max(axis=-1)
@@ -163,7 +163,7 @@ def test_joints_that_the_file_names_are_where_starts_are_drawn(cells, make):
     whole = seam_starts(problem).position
     middle = whole.shape[1] // 2
     near = whole[0, middle]
-    found = seam_starts(replace(problem, near=near)).position
+    found = seam_starts(replace(problem, reference=near)).position
     away = np.abs(found[:, middle] - near).max(axis=1)
     assert away.min() < 1e-7
     # 0.3 rad of deviation at most, of 15 joints: the farthest of them is seldom beyond three times that.

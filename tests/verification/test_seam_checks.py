@@ -15,8 +15,8 @@ from dualarm_cli.kinds.seam.checks import (
     CRITERIA,
     MeasuredSeam,
     _part_off,
-    _turned_away,
-    _unsteady,
+    _rotation_errors,
+    _speed_deviation,
     check_seams,
     seam_touches,
 )
@@ -456,9 +456,9 @@ def test_spin_is_what_is_left_once_a_lean_is_taken_back(lean):
     def work(**tool):
         return SimpleNamespace(tool=SeamTool(**tool))
 
-    away = _turned_away(E, leans, work(tilt=0.02))
+    away = _rotation_errors(E, leans, work(tilt=0.02))
     assert away == pytest.approx(np.maximum(max(lean - 0.02, 0.0), np.abs(spin)), abs=1e-7)
-    free = _turned_away(E, leans, work(tilt=0.02, free_spin=True))
+    free = _rotation_errors(E, leans, work(tilt=0.02, free_spin=True))
     assert free == pytest.approx(np.full(40, max(lean - 0.02, 0.0)), abs=1e-12)
 
 
@@ -764,10 +764,10 @@ def test_a_profile_rises_stays_and_falls():
             else top - v
             for k, v in enumerate(speed)
         ]
-        dip, where = _unsteady(speed)
+        dip, where = _speed_deviation(speed)
         assert dip == pytest.approx(max(lacks) / top)
         assert lacks[where] == max(lacks)
-    assert _unsteady(np.zeros(5))[0] == np.inf
+    assert _speed_deviation(np.zeros(5))[0] == np.inf
 
 
 def test_half_the_job_s_speed_quarters_the_acceleration_that_is_allowed(line):

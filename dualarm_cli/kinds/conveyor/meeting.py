@@ -396,7 +396,7 @@ class ConveyorMeeting:
         begin: FloatArray | None,
         goal: FloatArray | None,
     ) -> StagePlan:
-        """Join a stage to the one before, to its stops, or to the begin of the cycle."""
+        """Join a stage to the one before, and to its stops or the begin."""
         arrival, end = np.array(plan.arrival), np.array(plan.end)
         for name, arm in self.model.arms.items():
             if name in stops:

@@ -1,4 +1,4 @@
-"""Checks of seams: the closed chain at every instant, where the part is, speed along the seam, the tool's freedoms."""
+"""Checks of seams: closed chain, pose of the part, speed along the seam, freedoms of the tool."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class SeamSampling:
     """Sampling of seams between instants."""
 
     rounds: int = 12
-    """Newton steps along the seam to the place that is nearest to the tool."""
+    """Newton steps along the seam to the place nearest to the tool."""
     rate_step: float = 2e-4
     """Half the interval of the differences that measure speed and acceleration along a seam [s]."""
     most_rates: int = 20_000
-    """Largest number of instants with measured rates, about."""
+    """Approximate maximum of instants with measured rates."""
     steady: float = 0.999
-    """Share of the largest speed from which on the tool counts as at its steady speed."""
+    """Fraction of the largest speed from which on the speed counts as steady."""
 
 
 DENSE = SeamSampling()
@@ -49,13 +49,13 @@ class OnSeam:
     time: FloatArray
     """Instants [s], shape (k,)."""
     length: FloatArray
-    """How far along the seam the nearest place is [m], shape (k,)."""
+    """Length along the seam to the nearest place [m], shape (k,)."""
     distance: FloatArray
-    """How far the tool's working point is from it [m], shape (k,)."""
+    """Distance of the tool's working point from the seam [m], shape (k,)."""
     angle: FloatArray
-    """By how much the tool is turned away, beyond what is free [rad], shape (k,)."""
+    """Rotation error of the tool beyond its freedoms [rad], shape (k,)."""
     lean: FloatArray
-    """By how much its axis leans away from where it should point [rad], shape (k,)."""
+    """Tilt of the tool's axis [rad], shape (k,)."""
     R_part: FloatArray
     """Rotations of the part in the world, shape (k, 3, 3)."""
     p_part: FloatArray
@@ -64,7 +64,7 @@ class OnSeam:
 
 @dataclass(frozen=True)
 class MeasuredSeam:
-    """A motion as one seam's tool and part see it."""
+    """Motion in the frame of one seam."""
 
     schedule: Schedule
     """The motion."""
@@ -103,8 +103,8 @@ class MeasuredSeam:
         tip = p + work.tool.standoff * R[:, :, 2]
         inside = product((tip - p_part)[:, None], R_part)[:, 0]
         if guess is None:
-            gone = np.concatenate([[0.0], np.cumsum(norm(np.diff(inside, axis=0), axis=1))])
-            guess = gone * (work.length / max(gone[-1], 1e-12))
+            travelled = np.concatenate([[0.0], np.cumsum(norm(np.diff(inside, axis=0), axis=1))])
+            guess = travelled * (work.length / max(travelled[-1], 1e-12))
         s = np.clip(guess, 0.0, work.length)
         for _ in range(DENSE.rounds):
             along = ((inside - work.curve.at(s)[1]) * work.curve.directions(s)).sum(axis=1)
@@ -113,7 +113,7 @@ class MeasuredSeam:
         E = product(np.swapaxes(product(R_part, R_seam, work.tool.R_curve_tool), -1, -2), R)
         distance = norm(inside - p_seam, axis=1)
         lean = arctan2(np.hypot(E[:, 0, 2], E[:, 1, 2]), E[:, 2, 2])
-        return OnSeam(time, s, distance, _turned_away(E, lean, work), lean, R_part, p_part)
+        return OnSeam(time, s, distance, _rotation_errors(E, lean, work), lean, R_part, p_part)
 
     def tool_in_part(self, time: FloatArray) -> FloatArray:
         """Compute the tool centre point in the part's frame at instants (k,) [s], (k, 3) [m]."""
@@ -123,33 +123,33 @@ class MeasuredSeam:
         return inside
 
     def rates(self, seam: OnSeam) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Measure instants (k,) [s], speed (k,) [m/s] and acceleration (k,) [m/s²] along the seam.
+        """Measure instants (k,) [s], speed (k,) [m/s] and acceleration (k,) [m/s²].
 
-        By differences of the place on the seam over so little time that they are good to a millionth.
+        Central differences of the place on the seam, over intervals short enough for a relative error of 1e-6.
         """
         step = min(DENSE.rate_step, float(seam.time[-1] - seam.time[0]) / 100.0)
         inner = np.clip(seam.time, seam.time[0] + step, seam.time[-1] - step)
         middle = distinct(inner)[:: max(1, len(inner) // DENSE.most_rates)]
-        behind, here, ahead = (
+        behind, middle_place, ahead = (
             self.near(time, np.interp(time, seam.time, seam.length)).length
             for time in (middle - step, middle, middle + step)
         )
         speed = (ahead - behind) / (2.0 * step)
-        return middle, speed, (ahead - 2.0 * here + behind) / np.square(step)
+        return middle, speed, (ahead - 2.0 * middle_place + behind) / np.square(step)
 
 
-def _turned_away(E: FloatArray, lean: FloatArray, work: SeamWork) -> FloatArray:
-    """Returns by how much tools are turned away beyond what is free, (k,) [rad].
+def _rotation_errors(E: FloatArray, lean: FloatArray, work: SeamWork) -> FloatArray:
+    """Compute rotation errors of tools beyond their freedoms, (k,) [rad].
 
     Args:
-        E: rotations of the tools in the frames as they should be, shape (k, 3, 3).
-        lean: of their axes [rad], shape (k,).
+        E: rotations of the tools in their target frames, shape (k, 3, 3).
+        lean: tilts of their axes [rad], shape (k,).
         work: the seam.
     """
     beyond = np.maximum(lean - work.tool.tilt, 0.0)
     if work.tool.free_spin:
         return beyond
-    # What is left once the lean is taken back by the shortest turn.
+    # The rotation that remains after the shortest turn that undoes the tilt.
     axis = np.stack([-E[:, 1, 2], E[:, 0, 2], np.zeros(len(E))], axis=-1)
     size = norm(axis, axis=1, keepdims=True)
     back = -np.where(size > 1e-12, axis / np.where(size > 1e-12, size, 1.0), 0.0) * lean[:, None]
@@ -201,12 +201,12 @@ CRITERIA = {
 def check_seams(
     schedule: Schedule, job: Job | None, model: ToolModel, lines: Sequence[LineSpan]
 ) -> list[Check]:
-    """Checks every seam of the job.
+    """Check every seam of the job.
 
     Args:
         schedule: with finite numbers and rising times.
-        job: cell and tasks; without them nothing is known of seams.
-        model: where the tools are.
+        job: cell and tasks; None for no check of seams.
+        model: kinematics of the tools.
         lines: spans of the job's stops.
     """
     if job is None or not job.has_seams:
@@ -221,21 +221,27 @@ def check_seams(
             arm: [s for s in schedule.segments if (s.kind, s.arm, s.task) == ("seam", arm, task)]
             for arm in work.arms
         }
-        [own, *others] = [spans[arm] for arm in work.arms]
+        [slave_segments, *other_segments] = [spans[arm] for arm in work.arms]
         if wrong := _wrong_order(schedule, work, task):
             worst["seam_progress"].add(np.inf, f"{task}: {wrong}")
             continue
-        together = all(
-            len(other) == len(own) == 1
-            and abs(other[0].start - own[0].start) + abs(other[0].end - own[0].end) < TOL.same_time
-            for other in others
+        simultaneous = all(
+            len(segments) == len(slave_segments) == 1
+            and abs(segments[0].start - slave_segments[0].start)
+            + abs(segments[0].end - slave_segments[0].end)
+            < TOL.same_time
+            for segments in other_segments
         )
-        if len(own) != 1 or not together or own[0].end <= own[0].start:
+        if (
+            len(slave_segments) != 1
+            or not simultaneous
+            or slave_segments[0].end <= slave_segments[0].start
+        ):
             message = f"{task}: it needs one segment of kind seam for each arm that works, at the same time"
             worst["seam_progress"].add(np.inf, message)
             continue
-        SeamJudge(worst, MeasuredSeam(schedule, job, model, work), own[0], lines).judge()
-    lost, nothing = "no seam has its segments", "no seam asks for it"
+        SeamJudge(worst, MeasuredSeam(schedule, job, model, work), slave_segments[0], lines).judge()
+    lost, nothing = "no seam has its segments", "no seam requires it"
     return [
         worst["seam_distance"].judge("seam_distance", TOL.chain_distance, lost),
         worst["seam_angle"].judge("seam_angle", TOL.chain_angle, lost),
@@ -250,7 +256,7 @@ def check_seams(
 
 @dataclass(frozen=True)
 class SeamJudge:
-    """Worst figures of the seam checks, with the motion of one seam that adds to them."""
+    """Judge of one seam that adds to the worst figures of the checks."""
 
     worst: dict[str, Worst]
     """Figures by check."""
@@ -266,14 +272,14 @@ class SeamJudge:
         work, seam = self.motion.work, self.motion.during(self.segment)
         self._add("seam_distance", seam.distance, seam.time)
         self._add("seam_angle", seam.angle, seam.time)
-        back = np.maximum.accumulate(seam.length) - seam.length
-        back[0] = max(back[0], seam.length[0])
-        back[-1] = max(back[-1], work.length - seam.length[-1])
-        self._add("seam_progress", back, seam.time)
+        backward = np.maximum.accumulate(seam.length) - seam.length
+        backward[0] = max(backward[0], seam.length[0])
+        backward[-1] = max(backward[-1], work.length - seam.length[-1])
+        self._add("seam_progress", backward, seam.time)
         self._judge_rates(seam)
         self._judge_entry()
         if work.master is not None and (work.hold.given or work.hold.stands):
-            self._add("seam_part", _part_off(seam, work), seam.time)
+            self._add("seam_part", _part_errors(seam, work), seam.time)
         self._judge_ends(seam)
         if work.downhand is not None:
             R, _ = work.curve.at(seam.length)
@@ -284,28 +290,28 @@ class SeamJudge:
     def _add(self, name: str, values: FloatArray, time: FloatArray) -> None:
         k = int(np.argmax(values))
         value = float(values[k])
-        where = f"{self.segment.task} at {time[k]:.3f} s"
-        self.worst[name].add(value if not value < 0.0 else 0.0, where)
+        place = f"{self.segment.task} at {time[k]:.3f} s"
+        self.worst[name].add(value if not value < 0.0 else 0.0, place)
 
     def _judge_rates(self, seam: OnSeam) -> None:
-        """Measure speed, steadiness, duration and acceleration."""
+        """Judge speed, steadiness, duration and acceleration."""
         work, pace, task = self.motion.work, self.motion.job.speed, self.segment.task
         middle, speed, acceleration = self.motion.rates(seam)
         if work.speed is not None:
             self._add("seam_speed", speed / (work.speed * pace) - 1.0, middle)
         else:
             self.worst["seam_speed"].add(0.0, task)
-        dip, where = _unsteady(speed)
-        self.worst["seam_steady"].add(dip, f"{task} at {middle[where]:.3f} s")
-        taken, asked = self.segment.end - self.segment.start, self.worst["seam_as_asked"]
+        dip, index = _speed_deviation(speed)
+        self.worst["seam_steady"].add(dip, f"{task} at {middle[index]:.3f} s")
+        taken, as_asked = self.segment.end - self.segment.start, self.worst["seam_as_asked"]
         if work.duration is not None:
             late = taken / (work.duration / pace) - 1.0
-            asked.add(max(0.0, -late) if work.slower else abs(late), task)
+            as_asked.add(max(0.0, -late) if work.slower else abs(late), task)
         elif not work.slower:
             assert work.speed is not None
-            asked.add(max(0.0, 1.0 - float(speed.max()) / (work.speed * pace)), task)
+            as_asked.add(max(0.0, 1.0 - float(speed.max()) / (work.speed * pace)), task)
             longest = work.length / (work.speed * pace) + longest_ramp(work, pace)
-            asked.add(max(0.0, taken / longest - 1.0), task)
+            as_asked.add(max(0.0, taken / longest - 1.0), task)
         if work.acceleration is not None:
             allowed = work.acceleration * np.square(pace)
             self._add("seam_as_asked", np.abs(acceleration) / allowed - 1.0, middle)
@@ -317,11 +323,11 @@ class SeamJudge:
             message = f"{task} begins before {work.not_before:g} s"
             self.worst["seam_as_asked"].add(np.inf, message)
         if work.entry_duration is not None:
-            asked = work.entry_duration / self.motion.job.speed
-            taken = start - _free_from(self.motion.schedule, task, self.lines, start)
+            required = work.entry_duration / self.motion.job.speed
+            taken = start - _free_time(self.motion.schedule, task, self.lines, start)
             waits = work.not_before >= start - TOL.same_time
-            if taken < asked - TOL.same_time or (taken > asked + TOL.same_time and not waits):
-                message = f"{task}: the way to it takes {taken:.6g} s, not {asked:g} s"
+            if taken < required - TOL.same_time or (taken > required + TOL.same_time and not waits):
+                message = f"{task}: the motion to it takes {taken:.6g} s, not {required:g} s"
                 self.worst["seam_as_asked"].add(np.inf, message)
 
     def _judge_ends(self, seam: OnSeam) -> None:
@@ -329,13 +335,13 @@ class SeamJudge:
         motion = self.motion
         for end, action in ((0, "seam_start"), (-1, "seam_end")):
             [stop] = spans_of(self.lines, motion.work.slave, self.segment.task, action)
-            for start, over in ((stop.start, stop.event.time), (stop.dwell_end, stop.end)):
-                if over > start:
-                    self._add_still_part(seam, end, start, over)
+            for start, end_time in ((stop.start, stop.event.time), (stop.dwell_end, stop.end)):
+                if end_time > start:
+                    self._add_still_part(seam, end, start, end_time)
             if stop.event.dwell > 0.0:
                 time = self._add_still_part(seam, end, stop.event.time, stop.dwell_end)
-                there = motion.tool_in_part(np.array([seam.time[end]]))
-                self._add("seam_distance", norm(motion.tool_in_part(time) - there, axis=1), time)
+                target = motion.tool_in_part(np.array([seam.time[end]]))
+                self._add("seam_distance", norm(motion.tool_in_part(time) - target, axis=1), time)
 
     def _add_still_part(self, seam: OnSeam, end: int, start: float, over: float) -> FloatArray:
         """Measure the part against its pose at an end of the seam; return the instants [s]."""
@@ -347,14 +353,14 @@ class SeamJudge:
         return time
 
 
-def _free_from(schedule: Schedule, task: str, lines: Sequence[LineSpan], begin: float) -> float:
-    """Returns when the robot is done with what comes before a seam [s], measured on the motion.
+def _free_time(schedule: Schedule, task: str, lines: Sequence[LineSpan], begin: float) -> float:
+    """Measure when the robot has finished the work before a seam [s].
 
-    Work ends at the latest end of a line or a dwell, where the robot comes to rest if it does so there. The first work
+    Work ends at the latest end of a line or a dwell, or where the robot stops soon after it. The first work
     follows the start of the motion.
 
     Args:
-        schedule: what is judged.
+        schedule: the schedule.
         task: the seam's task.
         lines: spans of the job's stops.
         begin: when the seam begins [s].
@@ -362,25 +368,25 @@ def _free_from(schedule: Schedule, task: str, lines: Sequence[LineSpan], begin: 
     motion = schedule.trajectory
     ends = (s.end for s in lines if s.event.task != task and s.event.time < begin)
     done = max(ends, default=float(motion.time[0]))
-    # Near its end a line is so slow that its last place, as far as numbers tell, is reached a moment before rest.
-    rest = int(np.searchsorted(motion.time, done - TOL.same_time))
-    while rest < len(motion.time) - 1 and np.abs(motion.velocity[rest]).max() > TOL.at_rest:
-        rest += 1
-    moved = np.abs(motion.position[rest] - motion.at(np.array([done]))[0][0]).max()
-    return float(motion.time[rest]) if moved <= TOL.stands else done
+    # Near its end a line is so slow that rounding reaches its last place a moment before rest.
+    at_rest = int(np.searchsorted(motion.time, done - TOL.same_time))
+    while at_rest < len(motion.time) - 1 and np.abs(motion.velocity[at_rest]).max() > TOL.at_rest:
+        at_rest += 1
+    moved = np.abs(motion.position[at_rest] - motion.at(np.array([done]))[0][0]).max()
+    return float(motion.time[at_rest]) if moved <= TOL.stands else done
 
 
 def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
-    """Returns what of a seam's segments and events does not follow one another, or an empty string."""
-    own = [s for s in schedule.segments if (s.arm, s.task) == (work.slave, task)]
+    """Describe the first error in the order of a seam's segments and events, if any."""
+    slave_segments = [s for s in schedule.segments if (s.arm, s.task) == (work.slave, task)]
     parts: dict[tuple[str, str], list[Segment]] = {}
-    for segment in own:
+    for segment in slave_segments:
         if segment.kind not in ("transfer", "wait"):
             parts.setdefault((segment.kind, segment.action), []).append(segment)
-    doubled = [key for key, found in parts.items() if len(found) > 1]
+    doubled = [key for key, segments in parts.items() if len(segments) > 1]
     if doubled:
         return f"{len(parts[doubled[0]])} segments of kind {doubled[0][0]} ({doubled[0][1]})"
-    seam = next((s for s in own if s.kind == "seam"), None)
+    seam = next((s for s in slave_segments if s.kind == "seam"), None)
     if seam is None:
         return "it has no segment of kind seam"
     events = [e for e in schedule.events if (e.arm, e.task) == (work.slave, task)]
@@ -401,14 +407,15 @@ def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
     return ""
 
 
-def _unsteady(speed: FloatArray) -> tuple[float, int]:
-    """Returns by what share of the top speed a profile (k,) [m/s] is no ramp, plateau, ramp, and where.
+def _speed_deviation(speed: FloatArray) -> tuple[float, int]:
+    """Compute the relative deviation of a speed profile (k,) [m/s], and its index.
 
-    From the first instant at the top to the last it has to stay there; before it may only rise, after it only fall.
+    The nominal profile has a ramp, a plateau and a ramp. Between its first and last instant at the top speed, the speed
+    has to stay there. Before it may only rise, after it only fall.
     """
     top = float(speed.max())
     if not top > 0.0:
-        return np.inf, 0  # it never gets on
+        return np.inf, 0  # the tool never moves
     steady = np.flatnonzero(speed >= DENSE.steady * top)
     first, last = int(steady[0]), int(steady[-1])
     dip = np.maximum.accumulate(speed) - speed
@@ -418,25 +425,27 @@ def _unsteady(speed: FloatArray) -> tuple[float, int]:
     return float(dip[k]) / top, k
 
 
-def _part_off(found: OnSeam, work: SeamWork) -> FloatArray:
-    """Returns how far the part is from where it has to be, (k,) [m, rad]."""
+def _part_errors(seam: OnSeam, work: SeamWork) -> FloatArray:
+    """Compute the distance of the part from its required pose, (k,) [m, rad]."""
     if work.hold.given:
-        R, p = work.hold.at(found.length / work.length)
+        R, p = work.hold.at(seam.length / work.length)
     else:
-        R, p = found.R_part[:1], found.p_part[:1]
-    away = norm(found.p_part - p, axis=1)
-    turned = rotation_angle(product(np.swapaxes(R, -1, -2), found.R_part))
+        R, p = seam.R_part[:1], seam.p_part[:1]
+    away = norm(seam.p_part - p, axis=1)
+    turned = rotation_angle(product(np.swapaxes(R, -1, -2), seam.R_part))
     return np.maximum(away, turned)
 
 
 def seam_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
-    """Returns when a seam's tool works on the bodies that it may touch, its approach and retract included.
+    """List the contacts of a seam's tool with the bodies that it may touch.
+
+    They include approach and retract.
 
     Args:
-        job: as it was done.
+        job: as done.
         spans: of the job's stops.
     """
-    found = []
+    touches = []
     for task in job.tasks:
         work = task.seam
         if work is None or task.arm != work.slave:
@@ -444,15 +453,15 @@ def seam_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
         begins, ends = (
             spans_of(spans, task.arm, task.id, action) for action in ("seam_start", "seam_end")
         )
-        # One that is not there once is found with the order; from the one to the other the tool is on the seam.
+        # The check of the order reports missing or repeated events. The tool is on the seam between both events.
         if len(begins) != 1 or len(ends) != 1 or begins[0].dwell_end > ends[0].event.time:
             continue
         tool = ("", f"{work.slave}_tool")
         for body in work.touches:
             if ("", body) != tool:
                 bodies = frozenset({tool, ("", body)})
-                found.append(Touch(bodies, begins[0].start, ends[0].end, gripped=False))
-    return found
+                touches.append(Touch(bodies, begins[0].start, ends[0].end, gripped=False))
+    return touches
 
 
 CHECKS = KindChecks(

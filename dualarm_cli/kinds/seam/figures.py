@@ -1,4 +1,4 @@
-"""Seams drawn: joints and their velocities over the whole plan, the tool in the part and in the world, the chain."""
+"""Figures of seams: joints and their velocities, the tool in the part and in the world, the chain."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ class SeamStyle:
     """Resolution and sizes of a seam's figure."""
 
     per_second: float = 100.0
-    """Instants a second at which joints are drawn."""
+    """Number of drawn instants per second."""
     most: int = 4000
-    """Instants at most."""
+    """Maximum number of drawn instants."""
     frames: int = 12
-    """Frames of the tool that are drawn along each seam."""
+    """Number of drawn tool frames along each seam."""
     axis: float = 0.15
-    """Length of their axes, as a share of the seam's size."""
+    """Length of their axes [fraction of the seam's size]."""
     bins: int = 80
-    """Stretches of time whose largest residual is drawn."""
+    """Number of intervals whose largest residual is drawn."""
     axis_colours: tuple[str, str, str] = ("tab:red", "tab:green", "tab:blue")
 
 
@@ -37,13 +37,13 @@ STYLE = SeamStyle()
 
 
 def draw_seams(schedule: Schedule, job: Job, kind: str) -> bytes:
-    """Returns the figure of a plan's seams: a row of joint curves, then a row of three panels for each seam.
+    """Draw a plan's seams: a row of joint curves, then a row of panels for each seam.
 
     The quantities of [Qin2024] Figs. 13 to 18 and 23 to 28.
 
     Args:
         schedule: the plan.
-        job: what it was planned for; with seams.
+        job: its job, with seams.
         kind: one of FIGURE_KINDS.
     """
     samples = seam_samples(schedule, job)
@@ -67,7 +67,7 @@ def draw_seams(schedule: Schedule, job: Job, kind: str) -> bytes:
 def _draw_joints(
     axes: Any, schedule: Schedule, job: Job, arm: str, rate: str, samples: list[SeamSamples]
 ) -> None:
-    """Draws all joints of one arm in degrees, one that slides in millimetres, the seams shaded."""
+    """Draw all joints of one arm in degrees or millimetres, the seams shaded."""
     names = next(a.joints for a in job.cell.robot.arms if a.name == arm)
     motion = schedule.trajectory.select(names)
     count = int(min(STYLE.most, max(2.0, motion.duration * STYLE.per_second)))
@@ -89,7 +89,7 @@ def _draw_joints(
 
 
 def _draw_in_part(axes: Any, schedule: Schedule, job: Job, seam: SeamSamples) -> None:
-    """Draws the seam in the part's frame with the tool's frames along it."""
+    """Draw the seam in the part's frame with the tool's frames along it."""
     on, work = seam.on, seam.work
     _, p = work.curve.at(np.linspace(0.0, work.length, 400))
     axes.plot(*(1e3 * p.T), color="k", linewidth=1.0)
@@ -108,7 +108,7 @@ def _draw_in_part(axes: Any, schedule: Schedule, job: Job, seam: SeamSamples) ->
 
 
 def _draw_in_world(axes: Any, seam: SeamSamples) -> None:
-    """Draws the ways of the part's frame and of the tool's working point in the world."""
+    """Draw the trails of the part's frame and of the tool's working point in the world."""
     on, work = seam.on, seam.work
     _, p = work.curve.at(on.length)
     tip = on.p_part + product(on.R_part, p[..., None])[..., 0]
@@ -121,7 +121,7 @@ def _draw_in_world(axes: Any, seam: SeamSamples) -> None:
 
 
 def _equal(axes: Any, points: FloatArray, title: str) -> None:
-    """Gives all three axes one scale."""
+    """Set the same scale on all three axes."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = 0.55 * max(float((high - low).max()), 1e-3)
     for name, centre in zip("xyz", (low + high) / 2.0, strict=True):
@@ -141,7 +141,10 @@ def _draw_speed(axes: Any, seam: SeamSamples) -> None:
 
 
 def _draw_chain(axes: Any, seam: SeamSamples) -> None:
-    """Draws how far the chain is open: the largest value of each of `bins` stretches, as it swings quickly."""
+    """Draw the residual of the chain: the largest value of each of `bins` intervals.
+
+    It oscillates too quickly for a curve.
+    """
     time = seam.on.time - seam.on.time[0]
     residuals = (("distance [m]", seam.on.distance), ("angle [rad]", seam.on.angle))
     for name, residual in residuals:
@@ -153,7 +156,7 @@ def _draw_chain(axes: Any, seam: SeamSamples) -> None:
         axes.semilogy(middles, np.maximum(largest, 1e-16), label=name, linewidth=1.2)
     axes.axhline(1e-6, color="0.5", linestyle="--")
     axes.set_ylim(3e-17, 1e-5)
-    # Powers as plain numbers: raised ones ask for fonts that may be missing.
+    # Powers as plain numbers: superscripts require fonts that may be missing.
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}")
     axes.minorticks_off()
     axes.set_xlabel("time [s]")

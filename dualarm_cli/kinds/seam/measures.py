@@ -28,11 +28,11 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel
 
 STANDS = 1e-6
-"""A part that moves and turns less stands [m, rad]."""
+"""Largest motion of a part that counts as standing [m, rad]."""
 
 
 def seam_lines(report: dict[str, Any]) -> list[str]:
-    """Returns a sentence for every seam of a report.
+    """Write a sentence for every seam of a report.
 
     Args:
         report: as built by `build_report`.
@@ -58,32 +58,32 @@ def seam_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _closed(seam: dict[str, Any]) -> str:
-    """Returns how far the chain is open; below a nanometre it means nothing."""
+    """Format the residual of the chain; below a nanometre it means nothing."""
     off = seam["residual"]
     away = f"{off * 1e6:.2f} um" if off >= 1e-8 else f"{max(off * 1e9, 1.0):.0f} nm"
     return f"{away} and {seam['residual_angle'] * 1e6:.2f} urad"
 
 
 def part_words(seam: dict[str, Any]) -> str:
-    """Returns whether the part stands or how far it moves."""
+    """Describe the pose of a resting part, or its motion."""
     x, y, z = seam["part_xyz"]
     roll, pitch, yaw = (math.degrees(angle) for angle in seam["part_rpy"])
-    where = f"xyz [{x:.4f}, {y:.4f}, {z:.4f}] m, rpy [{roll:.2f}, {pitch:.2f}, {yaw:.2f}] deg"
+    pose = f"xyz [{x:.4f}, {y:.4f}, {z:.4f}] m, rpy [{roll:.2f}, {pitch:.2f}, {yaw:.2f}] deg"
     if seam["part_way"] < STANDS and seam["part_turn"] < STANDS:
-        way = seam["platform_travel"]
-        platform = 1e3 * way if seam["platform_slides"] else math.degrees(way)
+        travel = seam["platform_travel"]
+        platform = 1e3 * travel if seam["platform_slides"] else math.degrees(travel)
         turns = ""
         if platform > 0.05:
             turns = f", the platform turns {platform:.1f} deg"
             if seam["platform_slides"]:
                 turns = f", the platform moves {platform:.1f} mm"
-        return f"the part stands at {where}{turns}"
-    way, turn = seam["part_way"] * 1e3, math.degrees(seam["part_turn"])
-    return f"the part moves {way:.0f} mm and turns {turn:.0f} deg from {where}"
+        return f"the part stands at {pose}{turns}"
+    distance, turn = seam["part_way"] * 1e3, math.degrees(seam["part_turn"])
+    return f"the part moves {distance:.0f} mm and turns {turn:.0f} deg from {pose}"
 
 
 def seams_table(section: dict[str, Any]) -> Any:
-    """Returns the table of how each solver works a task file's seams; None where it has none.
+    """Build the table of each solver's seams; None without seams.
 
     Args:
         section: one member of the comparison's `comparisons`.
@@ -110,67 +110,67 @@ def seams_table(section: dict[str, Any]) -> Any:
 SPACING = 0.005
 """Time between the instants at which bodies are measured [s]."""
 STEADY = 0.999
-"""Share of the largest speed from which on the tool counts as at its steady speed."""
+"""Fraction of the largest speed from which on the speed counts as steady."""
 
 
 @dataclass(frozen=True)
 class SeamSamples:
-    """One seam as it is worked."""
+    """Samples of one worked seam."""
 
     task: str
     """Id of the task."""
     method: str
     """The seam solver."""
     work: SeamWork
-    """What was asked for."""
+    """Seam as requested."""
     span: tuple[float, float]
-    """From when to when [s]."""
+    """Start and end [s]."""
     on: OnSeam
     """Tool and part at the verifier's instants."""
     time: FloatArray
     """Instants since the seam began [s], shape (k,)."""
     position: FloatArray
-    """All joints [rad], shape (k, n)."""
+    """All joints [rad or m], shape (k, n)."""
     velocity: FloatArray
-    """Their velocities [rad/s], shape (k, n)."""
-    alone: dict[str, FloatArray]
+    """Velocities of all joints [rad/s or m/s], shape (k, n)."""
+    arm_manipulability: dict[str, FloatArray]
     """Manipulability of each working arm by its own joints, shape (k,)."""
 
     @property
     def speed(self) -> FloatArray:
-        """Speed along the seam at the verifier's instants, by differences [m/s], shape (m,)."""
-        found: FloatArray = np.gradient(self.on.length, self.on.time)
-        return found
+        """Speed along the seam at the verifier's instants [m/s], shape (m,)."""
+        speeds: FloatArray = np.gradient(self.on.length, self.on.time)
+        return speeds
 
     @property
     def lean(self) -> FloatArray:
-        """By how much the tool's axis leans away from where it should point [rad], shape (m,)."""
+        """Tilt of the tool's axis [rad], shape (m,)."""
         return self.on.lean
 
 
 def seam_samples(schedule: Schedule, job: Job) -> list[SeamSamples]:
-    """Returns the seams of a planned job as they are worked, in their order.
+    """Sample the seams of a planned job, in their order.
 
     Args:
         schedule: the plan.
-        job: what it was planned for.
+        job: its job.
     """
     if not job.has_seams:
         return []
     model, body = ToolModel(schedule), WholeBody(job.cell)
-    found = []
+    samples = []
     for section in job.sections():
         work = section[0].seam
         if work is None:
             continue
-        own = [
+        segments = [
             s
             for s in schedule.segments
             if (s.kind, s.arm, s.task) == ("seam", work.slave, section[0].id) and s.end > s.start
         ]
-        if own:
-            found.append(_sampled(schedule, job, model, body, work, own[0]))
-    return found
+        if segments:
+            samples.append(_sampled(schedule, job, model, body, work, segments[0]))
+    return samples
 
 
 def _sampled(
@@ -184,13 +184,13 @@ def _sampled(
     count = max(2, int(np.ceil((segment.end - segment.start) / SPACING)) + 1)
     time = np.linspace(segment.start, segment.end, count)
     q, qd, _ = schedule.trajectory.select(body.joints).at(time)
-    own = body.moves & ~body.moves_carried
+    arm_columns = body.moves & ~body.moves_carried
     rows = {arm: body.arms.index(arm) for arm in work.arms}
-    alone: dict[str, list[float]] = {arm: [] for arm in work.arms}
+    by_arm: dict[str, list[float]] = {arm: [] for arm in work.arms}
     for configuration in q:
         J = body.at(configuration).J
         for arm, a in rows.items():
-            alone[arm].append(float(manipulability(J[6 * a : 6 * a + 6][:, own[a]])))
+            by_arm[arm].append(float(manipulability(J[6 * a : 6 * a + 6][:, arm_columns[a]])))
     methods = [s.platform_solver for s in schedule.stages if segment.task in s.tasks]
     return SeamSamples(
         segment.task,
@@ -201,16 +201,16 @@ def _sampled(
         time - segment.start,
         q,
         qd,
-        {arm: np.array(values) for arm, values in alone.items()},
+        {arm: np.array(values) for arm, values in by_arm.items()},
     )
 
 
 def seam_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
-    """Returns what is measured of every seam, JSON-ready; m, rad, s.
+    """Measure every seam, JSON-ready [m, rad, s].
 
     Args:
-        schedule: the plan, with its verification where there is one.
-        job: what it was planned for.
+        schedule: the plan, with its verification if there is one.
+        job: its job.
     """
     return [_measured(schedule, job, seam) for seam in seam_samples(schedule, job)]
 
@@ -243,8 +243,8 @@ def _measured(schedule: Schedule, job: Job, seam: SeamSamples) -> dict[str, Any]
         "part_turn": float(norm(steps, axis=1).sum()),
         "part_xyz": on.p_part[0].tolist(),
         "part_rpy": pin.rpy.matrixToRpy(on.R_part[0]).tolist(),
-        "least_manipulability": {arm: float(m.min()) for arm, m in seam.alone.items()},
-        "manipulability": {arm: float(m.mean()) for arm, m in seam.alone.items()},
+        "least_manipulability": {arm: float(m.min()) for arm, m in seam.arm_manipulability.items()},
+        "manipulability": {arm: float(m.mean()) for arm, m in seam.arm_manipulability.items()},
         **joint_use(job, seam.position, seam.velocity, robot.columns(working)),
         "clearance": least_clearance(schedule, numbers),
     }

@@ -1,4 +1,4 @@
-"""A seam in time: steady speed, ramps at its ends, then the trajectory with chain and limits looked at."""
+"""Timing of a seam: steady speed, ramps at its ends, and a trajectory within chain and limits."""
 
 from __future__ import annotations
 
@@ -30,49 +30,49 @@ class SeamMotionSettings:
     """Tolerances and margins of a seam's motion."""
 
     spacings: tuple[float, ...] = (0.02, 0.01, 0.005, 0.0025, 0.00125)
-    """Times between knots that are tried until the chain is closed between them too [s]."""
+    """Times between knots that are tried until the chain stays closed [s]."""
     open: float = 4e-7
     """Largest opening of the chain between knots [m, rad]."""
     uneven: float = 4e-4
-    """Largest relative error of the speed along the seam between knots. Ramps do not count. The acceleration along the
-    seam may exceed what the file allows by the same share."""
+    """Largest relative error of the speed between knots, ramps excluded. The acceleration along the seam may exceed
+    that of the file by the same fraction."""
     moment: float = 2e-4
-    """Time by which accelerations along the seam are measured [s]."""
+    """Time step of measured accelerations along the seam [s]."""
     per_knot: int = 3
-    """Instants between knots that are looked at."""
+    """Number of checked instants between knots."""
     tighter: tuple[float, ...] = (1.0, 0.97, 0.92, 0.85)
-    """Shares of the joint limits that are tried until a profile's spline keeps them."""
+    """Fractions of the joint limits that are tried until the spline keeps them."""
     as_asked: float = 1.0 - 1e-9
-    """Share of a requested speed, or of a cap, that counts as reached."""
+    """Fraction of a requested speed, or of a cap, that counts as reached."""
     acceleration_margin: float = 0.99
-    """Share of the file's acceleration along the seam that is used: the motion's spline is a little dearer."""
+    """Fraction of the file's acceleration that is used. The motion's spline needs a little more."""
     cap_margin: float = 0.999
-    """Share of a cap on the tools' speed that is used: between places and knots they are a little faster."""
+    """Fraction of a cap on the tools' speed that is used. Between places and knots they are a little faster."""
 
 
 MOTION = SeamMotionSettings()
 
 LESS = ("less_speed", "slower")
-"""What helps against what is too fast."""
+"""Remedies for too high speed."""
 DIVIDE = ("less_speed", "divide")
-"""What helps where the motion between knots strays."""
+"""Remedies for deviations between knots."""
 
 
 @dataclass(frozen=True)
 class TimedSeam:
-    """A seam as it is worked."""
+    """Seam with its trajectory."""
 
     trajectory: Trajectory
-    """All joints of the robot, from where the seam begins to where it ends."""
+    """All joints of the robot along the seam."""
     profile: SteadyProfile
-    """Where on the seam the tool is when."""
+    """Progress along the seam over time."""
     residual: float
-    """How far the chain is open at most [m, rad]."""
+    """Largest residual of the chain [m, rad]."""
     capped: bool = False
-    """Whether a cap on the tools' speed in the world decides how fast it is worked."""
+    """Whether a cap on the tools' speed in the world determines the speed."""
 
     def speed(self, length: float) -> float:
-        """Returns the steady speed along a seam of a length [m/s]."""
+        """Compute the steady speed along a seam of a length [m/s]."""
         return self.profile.speed * length
 
 
@@ -85,15 +85,15 @@ def timed_seam(
     trapezoid: bool,
     cap: float = np.inf,
 ) -> TimedSeam | Refusal:
-    """Returns the seam in time, or why it cannot be worked as the file asks.
+    """Time a seam, or explain why it cannot be worked as required.
 
     Args:
         path: its joints.
         work: the seam.
         limits: of all joints, at the job's speed.
-        pace: the job's share of full speed.
-        trapezoid: whether accelerations may jump, as far as joints have no jerk limits.
-        cap: largest steady speed for which all tools keep to their cap in the world [1/s].
+        pace: the job's fraction of full speed.
+        trapezoid: whether accelerations may jump, if joints have no jerk limits.
+        cap: largest steady speed at which no tool exceeds its cap in the world [1/s].
     """
     jumps = trapezoid and not np.isfinite(limits.jerk).any()
     allowed = (
@@ -143,51 +143,57 @@ def _profile(
     *,
     trapezoid: bool,
 ) -> SteadyProfile | Refusal:
-    """Returns how fast a seam is worked, at a steady speed of cap [1/s] at most, or why not as asked."""
+    """Compute the speed profile of a seam, at most `cap` [1/s], or the reason for none."""
     length = work.length
     acceleration = None
     if work.acceleration is not None:
         acceleration = MOTION.acceleration_margin * work.acceleration * np.square(pace) / length
     if work.duration is not None:
-        found = profile_of_duration(
+        profile = profile_of_duration(
             path.rates, limits, work.duration / pace, acceleration, trapezoid=trapezoid
         )
-        if found is not None and found.speed <= cap:
-            return found
-        most, asked = np.inf, f"{work.duration / pace:.4g} s"
+        if profile is not None and profile.speed <= cap:
+            return profile
+        target_speed, requested = np.inf, f"{work.duration / pace:.4g} s"
     else:
         assert work.speed is not None
-        most, asked = work.speed * pace / length, f"{work.speed * pace * 1e3:.4g} mm/s"
-    found = fastest_profile(path.rates, limits, min(most, cap), acceleration, trapezoid=trapezoid)
-    if found is None:
+        target_speed, requested = work.speed * pace / length, f"{work.speed * pace * 1e3:.4g} mm/s"
+    profile = fastest_profile(
+        path.rates, limits, min(target_speed, cap), acceleration, trapezoid=trapezoid
+    )
+    if profile is None:
         return Refusal("seam_ramps")
     if work.slower:
-        return found
-    if work.duration is None and found.speed >= most * MOTION.as_asked:
+        return profile
+    if work.duration is None and profile.speed >= target_speed * MOTION.as_asked:
         longest = longest_ramp(work, pace)
-        if max(found.start.time, found.end.time) <= longest:
-            return found
-        ramp = max(found.start.time, found.end.time)
-        return Refusal("seam_ramp_long", None, "", "", ramp, longest, LESS, {"asked": asked})
+        if max(profile.start.time, profile.end.time) <= longest:
+            return profile
+        ramp = max(profile.start.time, profile.end.time)
+        return Refusal("seam_ramp_long", None, "", "", ramp, longest, LESS, {"asked": requested})
     top = steady_limit(path.rates, limits)
-    more = {"asked": asked, "speed": found.speed * length * 1e3, "duration": found.duration}
-    if found.speed >= cap * MOTION.as_asked:
-        return Refusal("seam_capped", remedy=("raise_cap", *LESS), more=more)
-    if top.speed > most:
-        return Refusal("seam_too_short", remedy=LESS, more=more)
+    details = {
+        "asked": requested,
+        "speed": profile.speed * length * 1e3,
+        "duration": profile.duration,
+    }
+    if profile.speed >= cap * MOTION.as_asked:
+        return Refusal("seam_capped", remedy=("raise_cap", *LESS), more=details)
+    if top.speed > target_speed:
+        return Refusal("seam_too_short", remedy=LESS, more=details)
     decides = {"kind": top.kind, "joint": top.joint, "mm": top.share * length * 1e3}
-    return Refusal("seam_too_fast", remedy=LESS, more={**more, **decides})
+    return Refusal("seam_too_fast", remedy=LESS, more={**details, **decides})
 
 
 def is_too_fast(refusal: Refusal) -> bool:
-    """Returns whether a seam is refused for what less speed would help against."""
+    """Test whether less speed would help against a refusal."""
     return refusal.remedy[-2:] == LESS
 
 
 def _trajectory(
     path: SeamPath, profile: SteadyProfile, limits: JointLimits, spacing: float, *, jumps: bool
 ) -> Trajectory:
-    """Returns the trajectory with knots so far apart at most, four parts of each phase or more."""
+    """Create the trajectory with knots at most `spacing` apart, at least four intervals per phase."""
     edges = profile.edges()
     edges = edges[np.concatenate([[True], np.diff(edges) > 1e-9])]
     phases = []
@@ -204,19 +210,19 @@ def _trajectory(
         first = path.rates.at(share[[0, -1]])[0] * speed[[0, -1], None]
         pieces.append(clamped_spline(time, path.at(share), first[0], first[1]))
     q, v, a = (np.concatenate([piece[k] for piece in pieces]) for k in range(3))
-    time, rest = np.concatenate(phases), np.zeros((1, q.shape[1]))
-    # At rest before and after: there too accelerations jump.
+    time, at_rest = np.concatenate(phases), np.zeros((1, q.shape[1]))
+    # Accelerations also jump at rest before and after.
     return Trajectory(
         limits.joints,
         np.concatenate([time[:1], time, time[-1:]]),
         np.vstack([q[:1], q, q[-1:]]),
-        np.vstack([rest, v, rest]),
-        np.vstack([rest, a, rest]),
+        np.vstack([at_rest, v, at_rest]),
+        np.vstack([at_rest, a, at_rest]),
     )
 
 
 def _largest_share(trajectory: Trajectory, limits: JointLimits) -> float:
-    """Returns the largest share of a limit that a motion uses."""
+    """Compute the largest ratio of a motion's rates to their limits."""
     velocity, acceleration, jerk = largest_rates(
         trajectory.time, trajectory.velocity, trajectory.acceleration
     )
@@ -232,34 +238,34 @@ def _largest_share(trajectory: Trajectory, limits: JointLimits) -> float:
 def _deviations(
     chain: Chain, profile: SteadyProfile, trajectory: Trajectory
 ) -> tuple[float, float, float]:
-    """Returns how a motion strays between its knots too.
+    """Measure the deviations of a motion, also between its knots.
 
     Returns:
-        How far the chain is open at most [m, rad], the share by which the steady speed is off, and the greatest
-        acceleration along the seam [1/s²].
+        Largest residual of the chain [m, rad], relative error of the steady speed, and largest acceleration along the
+        seam [1/s²].
     """
     knots = distinct(trajectory.time)
     share = np.arange(MOTION.per_knot) / MOTION.per_knot
     time = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
     bodies = chain.bodies(trajectory.at(time)[0])
     nearest = chain.nearest_share(bodies, profile.at(time)[0])
-    left = [chain.equations(bodies, nearest).exact.left]
+    residuals = [chain.equations(bodies, nearest).exact.residuals]
     hold = chain.work.hold
     if chain.work.master is not None and hold.given:
-        left.append(chain.part_equations(bodies, *hold.at(nearest)).left)
-    residual = float(max(np.abs(one).max() for one in left))
+        residuals.append(chain.part_equations(bodies, *hold.at(nearest)).residuals)
+    residual = float(max(np.abs(errors).max() for errors in residuals))
     steady = (time > profile.start.time) & (time < profile.duration - profile.end.time)
     rate = np.diff(nearest[steady]) / np.diff(time[steady])
-    off = np.abs(rate / profile.speed - 1.0)
-    return residual, float(off.max(initial=0.0)), _acceleration(chain, profile, trajectory)
+    speed_errors = np.abs(rate / profile.speed - 1.0)
+    return residual, float(speed_errors.max(initial=0.0)), _acceleration(chain, profile, trajectory)
 
 
 def _acceleration(chain: Chain, profile: SteadyProfile, trajectory: Trajectory) -> float:
-    """Returns the greatest acceleration along the seam at a motion's knots [1/s²], where a spline has it."""
+    """Measure the largest acceleration along the seam at a motion's knots [1/s²]."""
     step = min(MOTION.moment, profile.duration / 100.0)
     knots = distinct(np.clip(trajectory.time, step, profile.duration - step))
-    behind, here, ahead = (
+    behind, middle, ahead = (
         chain.nearest_share(chain.bodies(trajectory.at(time)[0]), profile.at(time)[0])
         for time in (knots - step, knots, knots + step)
     )
-    return float(np.abs(ahead - 2.0 * here + behind).max() / np.square(step))
+    return float(np.abs(ahead - 2.0 * middle + behind).max() / np.square(step))

@@ -1,4 +1,4 @@
-"""One coordinate task: where it is worked, how fast, how the tool comes and leaves."""
+"""Planner of one seam: its joints, timing, approach and retract."""
 
 from __future__ import annotations
 
@@ -38,33 +38,33 @@ from dualarm_cli.timing.problem import LineProblem
 
 @dataclass(frozen=True)
 class SeamPlanSettings:
-    """Numbers that steer the planning of a seam."""
+    """Settings of the planning of a seam."""
 
     seam_line_samples: int = 65
-    """Places along a line at which joints are solved for."""
+    """Number of places along a line at which joints are solved."""
     steps: int = 6
     """Newton steps from one place to the next."""
     exact: float = 1e-9
-    """Residual that counts as none [m and rad]."""
+    """Residual below which an equation counts as solved [m and rad]."""
     knots: tuple[int, ...] = (24, 48, 96, 192, 384)
-    """Numbers of knots that are tried until the tool stays near enough to its line."""
+    """Numbers of knots that are tried until the tool is near enough to its line."""
     near: float = 5e-5
     """Tolerance of the tool's line [m] and orientation [rad]: half of the verified one."""
     looked_at: float = 0.01
-    """Time between the postures of a seam that are looked at [s]."""
+    """Time between the postures of a seam that are tested for collisions [s]."""
     rounds: int = 3
     """Number of draws of starts that are tried in turn."""
     enough_refusals: int = 2
     """Number of refusals for too high speed after which no more starts are tried."""
     steady_share: float = 0.8
-    """Share of a given duration in which the tool is at its steady speed, about: solvers know no ramps."""
-    together: float = 2e-7
-    """Largest residual of robot, tool and part where a seam begins [m, rad].
+    """Approximate fraction of a given duration at steady speed. Solvers ignore ramps."""
+    closed: float = 2e-7
+    """Largest residual of a closed chain at the begin of a seam [m, rad].
 
     It covers the rounding of files.
     """
     slowed: float = 1.0005
-    """Factor on time or speed above which a seam falls short of what is asked."""
+    """Ratio of times or speeds above which a seam misses its requirement."""
     kept_at_nodes: float = SLACK / 2.0
     """Distance kept beyond the required clearance at a seam's nodes [m]."""
     kept_between: float = SLACK / 4.0
@@ -74,48 +74,50 @@ class SeamPlanSettings:
 SEAM = SeamPlanSettings()
 
 
-def drawn_back(
+def trace_retract(
     chain: Chain, limits: JointLimits, position: FloatArray, length: float
 ) -> FloatArray | Refusal:
-    """Trace the joints while the tool is drawn back along its axis.
+    """Trace the joints while the tool retracts along its axis.
 
     Only the slave's own joints move, by Newton steps of least norm.
 
     Args:
         chain: part and tool.
         limits: of all joints.
-        position: where the tool is [rad], shape (n,).
-        length: how far it is drawn back [m].
+        position: joints at the seam [rad], shape (n,).
+        length: of the retract [m].
 
     Returns:
-        Joints [rad], shape (`seam_line_samples`, n), or the reason why the tool cannot be drawn back.
+        Joints [rad], shape (`seam_line_samples`, n), or the reason why the tool cannot retract.
     """
-    here = chain.bodies(position[None])
-    R, p, back = here.R_tool[0], here.p_tool[0], -here.R_tool[0, :, 2]
+    bodies_at_seam = chain.bodies(position[None])
+    R, p, axis = bodies_at_seam.R_tool[0], bodies_at_seam.p_tool[0], -bodies_at_seam.R_tool[0, :, 2]
     weight = np.square(limits.velocity) * chain.slave_joints
-    found = np.empty((SEAM.seam_line_samples, len(position)))
-    found[0] = q = np.array(position)
+    positions = np.empty((SEAM.seam_line_samples, len(position)))
+    positions[0] = q = np.array(position)
     for k in range(1, SEAM.seam_line_samples):
-        there = p + back * (length * k / (SEAM.seam_line_samples - 1))
+        p_goal = p + axis * (length * k / (SEAM.seam_line_samples - 1))
         if k > 1:
-            q = 2.0 * found[k - 1] - found[k - 2]
+            q = 2.0 * positions[k - 1] - positions[k - 2]
         for _ in range(SEAM.steps):
             bodies = chain.bodies(q[None])
-            left = np.append(bodies.p_tool[0] - there, log_rotation(product(bodies.R_tool[0], R.T)))
-            if np.abs(left).max() < SEAM.exact:
+            error = np.append(
+                bodies.p_tool[0] - p_goal, log_rotation(product(bodies.R_tool[0], R.T))
+            )
+            if np.abs(error).max() < SEAM.exact:
                 break
             JW = bodies.J_tool[0] * weight
             gram = product(JW, bodies.J_tool[0].T)
-            q = q - product(JW.T, solve(gram + 1e-12 * np.eye(6), left))
-        away = {"mm": length * k / (SEAM.seam_line_samples - 1) * 1e3}
-        if np.abs(left).max() > 100.0 * SEAM.exact:
-            return Refusal("seam_line_out_of_reach", arm=chain.work.slave, more=away)
+            q = q - product(JW.T, solve(gram + 1e-12 * np.eye(6), error))
+        distance = {"mm": length * k / (SEAM.seam_line_samples - 1) * 1e3}
+        if np.abs(error).max() > 100.0 * SEAM.exact:
+            return Refusal("seam_line_out_of_reach", arm=chain.work.slave, more=distance)
         beyond = np.maximum(limits.lower - q, q - limits.upper) * chain.slave_joints
         if beyond.max() > 0.0:
             joint = limits.joints[int(np.argmax(beyond))]
-            return Refusal("seam_line_at_limit", more={"joint": joint, **away})
-        found[k] = q
-    return found
+            return Refusal("seam_line_at_limit", more={"joint": joint, **distance})
+        positions[k] = q
+    return positions
 
 
 def line_motion(
@@ -126,39 +128,43 @@ def line_motion(
     timing: TimingSolver,
     tool_speed: float | None,
 ) -> Trajectory | Refusal:
-    """Returns the motion along a line, or why there is none.
+    """Time the motion along a line, or explain why there is none.
 
     Args:
         chain: part and tool.
         position: joints along it, in the order of the motion [rad], shape (k, n).
         length: of the line [m].
         limits: of all joints.
-        timing: how lines are timed.
+        timing: solver of lines.
         tool_speed: cap on the tool's speed [m/s], or None.
     """
-    way = np.linspace(0.0, length, len(position))
+    distances = np.linspace(0.0, length, len(position))
     ends = chain.bodies(position[[0, -1]])
     R, start = ends.R_tool[0], ends.p_tool[0]
     along = (ends.p_tool[1] - start) / length
-    off = np.inf
+    deviation = np.inf
     for knots in SEAM.knots:
-        found = timing.line(LineProblem(limits.joints, position, way, limits, tool_speed, knots))
-        middle = (found.time[1:] + found.time[:-1]) / 2.0
-        bodies = chain.bodies(found.at(middle)[0])
-        gone = bodies.p_tool - start
-        beside = gone - product(gone, along)[:, None] * along
-        turned = log_rotation(product(bodies.R_tool, R.T))
-        off = max(
-            float(norm(beside, axis=1).max()),
-            float(norm(turned, axis=1).max()),
+        motion = timing.line(
+            LineProblem(limits.joints, position, distances, limits, tool_speed, knots)
         )
-        if off <= SEAM.near:
-            return found
-    return Refusal("seam_line_left", measured=off, allowed=SEAM.near, more={"mm": off * 1e3})
+        middle = (motion.time[1:] + motion.time[:-1]) / 2.0
+        bodies = chain.bodies(motion.at(middle)[0])
+        travelled = bodies.p_tool - start
+        lateral = travelled - product(travelled, along)[:, None] * along
+        rotations = log_rotation(product(bodies.R_tool, R.T))
+        deviation = max(
+            float(norm(lateral, axis=1).max()),
+            float(norm(rotations, axis=1).max()),
+        )
+        if deviation <= SEAM.near:
+            return motion
+    return Refusal(
+        "seam_line_left", measured=deviation, allowed=SEAM.near, more={"mm": deviation * 1e3}
+    )
 
 
 def seam_holding(job: Job, work: SeamWork) -> Holding:
-    """Returns what has to be collision-free while the tool works: it may touch the part, not reach into it."""
+    """Return the clearances while the tool works: it may touch the part, but not penetrate it."""
     cell, tool = job.cell, f"{work.slave}_tool"
     contacts = tuple((tool, body, -OVERLAP) for body in work.touches)
     cell = replace(cell, clearances=(*cell.clearances, *contacts))
@@ -166,7 +172,7 @@ def seam_holding(job: Job, work: SeamWork) -> Holding:
 
 
 def clearance_test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
-    """Returns a test of which configurations (k, n) [rad] are collision-free, (k,)."""
+    """Create the test of configurations (k, n) [rad] for clearance, (k,)."""
 
     def clear(position: FloatArray) -> BoolArray:
         return np.asarray(_margins(holding, position) >= SEAM.kept_at_nodes)
@@ -175,20 +181,20 @@ def clearance_test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
 
 
 def nearest_bodies(holding: Holding, position: FloatArray) -> Refusal:
-    """Returns which bodies come nearest at a configuration (n,) [rad]."""
-    held = holding.cell.loads.nothing(len(holding.cell.arms))
-    one, other, missing = holding.cell.nearest(position, held)
-    return Refusal("touches", measured=max(0.0, -missing), more={"one": one, "other": other})
+    """Describe the two nearest bodies at a configuration (n,) [rad]."""
+    held_parts = holding.cell.loads.nothing(len(holding.cell.arms))
+    body_a, body_b, missing = holding.cell.nearest(position, held_parts)
+    return Refusal("touches", measured=max(0.0, -missing), more={"one": body_a, "other": body_b})
 
 
 def where_it_touches(
     holding: Holding, motions: Sequence[tuple[str, Trajectory | None]]
 ) -> Refusal | None:
-    """Returns where motions collide, or None.
+    """Find the first collision of some motions, or None.
 
     Args:
-        holding: what has to.
-        motions: each with words for where it is; None for none.
+        holding: bodies and clearances.
+        motions: descriptions and motions, or None.
     """
     for words, motion in motions:
         if motion is None:
@@ -205,122 +211,124 @@ def where_it_touches(
 
 
 def _margins(holding: Holding, position: FloatArray) -> FloatArray:
-    held = holding.cell.loads.nothing(len(position), len(holding.cell.arms))
-    return holding.cell.margins(position, held)
+    held_parts = holding.cell.loads.nothing(len(position), len(holding.cell.arms))
+    return holding.cell.margins(position, held_parts)
 
 
 @dataclass(frozen=True)
 class _Start:
-    """How one try begins."""
+    """Begin of one attempt."""
 
-    here: FloatArray
-    """All joints where the robot is [rad], shape (n,)."""
+    current: FloatArray
+    """All joints before the seam [rad], shape (n,)."""
     begin: FloatArray | None = None
-    """Joints in which the seam has to begin [rad], shape (n,); None where any will do."""
+    """Required joints at the begin of the seam [rad], shape (n,); None for any."""
     number: int = 0
-    """Number of the try: each draws anew."""
+    """Number of the attempt, which varies the random starts."""
 
 
 @dataclass(frozen=True)
 class SeamPlanner:
-    """What seams are planned with."""
+    """Planner of seams."""
 
     job: Job
     """The whole job."""
     timing: TimingSolver
-    """How lines are timed; trapezoid also decides the seam's ramps."""
+    """Timing solver of lines. Trapezoid also determines the seam's ramps."""
     effort: str
     """quick, normal or thorough."""
     seed: int
-    """Of what is drawn."""
+    """Seed of the random starts."""
     clear: bool
-    """Whether anything has to be collision-free."""
+    """Whether collisions are checked."""
     free_start: bool = False
-    """Whether the motion may start anywhere, so that no motion to the start of the seam is needed."""
-    asked: str | None = None
-    """Name of the seam solver that was asked for; None for the file's choice."""
+    """Whether the motion may start anywhere, so that no transfer to the seam is needed."""
+    requested: str | None = None
+    """Name of the requested seam solver; None for the file's choice."""
 
     def plan(
-        self, task: str, work: SeamWork, here: FloatArray, after: SeamWork | None = None
+        self, task: str, work: SeamWork, current: FloatArray, after: SeamWork | None = None
     ) -> PlannedSeam:
-        """Returns the seam as it is worked.
+        """Plan a seam with its approach and retract.
 
         Args:
             task: its name, for messages.
             work: the seam.
-            here: all joints before [rad], shape (n,); a platform stands as there unless it helps to turn it.
-            after: the seam that comes next, if one does: where it begins where this one ends, it goes on from there.
+            current: all joints before it [rad], shape (n,); the platform stays unless turning it helps.
+            after: the next seam, if any; it continues from the end of this one if it begins there.
 
         Raises:
-            InfeasibleError: it cannot be worked as the file asks, with the first place and the reason.
-            UnsupportedError: the named seam solver does not serve it.
+            InfeasibleError: it cannot be worked as required, with the first place and the reason.
+            UnsupportedError: the named seam solver does not support it.
         """
         chain = Chain(self.job.cell, work)
         holding = seam_holding(self.job, work) if self.clear else None
-        goes_on = self._goes_on(after)
-        tries = [(_Start(here, number=k), goes_on) for k in range(SEAM.rounds)]
-        if work.approach == 0.0 and _together(chain, here):
-            tries.insert(0, (_Start(here, here), goes_on))
-        if goes_on is not None:
-            # Better with a way in between than not at all.
-            tries.append((_Start(here), None))
+        can_continue = self._continuation_test(after)
+        attempts = [(_Start(current, number=k), can_continue) for k in range(SEAM.rounds)]
+        if work.approach == 0.0 and _is_closed(chain, current):
+            attempts.insert(0, (_Start(current, current), can_continue))
+        if can_continue is not None:
+            # A transfer between both seams is better than no plan.
+            attempts.append((_Start(current), None))
         refusals: list[Refusal] = []
-        for start, test in tries:
-            if test is not None and sum(map(is_too_fast, refusals)) >= SEAM.enough_refusals:
+        for start, can_continue in attempts:
+            if can_continue is not None and sum(map(is_too_fast, refusals)) >= SEAM.enough_refusals:
                 continue
-            planned = self._tried(task, self._problem(chain, start, holding, test), holding)
+            planned = self._quickest(
+                task, self._problem(chain, start, holding, can_continue), holding
+            )
             if isinstance(planned, PlannedSeam):
                 return planned
             refusals += planned
-            if goes_on is None and sum(map(is_too_fast, refusals)) >= SEAM.enough_refusals:
+            if can_continue is None and sum(map(is_too_fast, refusals)) >= SEAM.enough_refusals:
                 break
-        # That less speed would do says more than that something else was in the way of another try.
-        cause = min(refusals, key=lambda one: not is_too_fast(one))
+        # "Too fast" is the most useful reason: less speed would do.
+        cause = min(refusals, key=lambda refusal: not is_too_fast(refusal))
         raise InfeasibleError(seam_refusal(task, work, cause))
 
-    def _tried(
+    def _quickest(
         self, task: str, problem: SeamProblem, holding: Holding | None
     ) -> PlannedSeam | list[Refusal]:
-        """Returns the quickest seam by the solvers that are taken, or why there is none by each."""
+        """Plan the quickest seam by the selected solvers, or list the reasons of each."""
         planned, refusals = [], []
         for name in self._solvers(task, problem):
-            found = self._worked(problem, holding, name)
-            if isinstance(found, Refusal):
-                refusals.append(found)
+            attempt = self._worked(problem, holding, name)
+            if isinstance(attempt, Refusal):
+                refusals.append(attempt)
                 continue
-            planned.append(found)
-            if self.job.tool_speed is None and not self._falls_short(found, problem.chain.work):
+            planned.append(attempt)
+            if self.job.tool_speed is None and not self._falls_short(attempt, problem.chain.work):
                 break
         if not planned:
             return refusals
-        return min(planned, key=lambda one: one.seam.trajectory.duration)
+        return min(planned, key=lambda plan: plan.seam.trajectory.duration)
 
-    def _goes_on(self, after: SeamWork | None) -> Callable[[FloatArray], bool] | None:
-        """Returns a test of joints (n,) [rad] in which a seam ends: whether the next can be worked from there at once.
+    def _continuation_test(self, after: SeamWork | None) -> Callable[[FloatArray], bool] | None:
+        """Create the test whether the next seam can start from joints (n,) [rad].
 
-        Only where it begins in the part's pose and the tool's place in which the one before ends.
+        None unless it begins with the tool and the part in the poses in which the one before ends.
         """
         if after is None or after.approach > 0.0:
             return None
         chain = Chain(self.job.cell, after)
 
-        def goes_on(end: FloatArray) -> bool:
-            if not _together(chain, end):
+        def can_continue(end: FloatArray) -> bool:
+            if not _is_closed(chain, end):
                 return True
             problem = self._problem(chain, _Start(end, end), None, None)
             return seam_starts(problem).failure is None
 
-        return goes_on
+        return can_continue
 
     def _problem(
         self,
         chain: Chain,
         start: _Start,
         holding: Holding | None,
-        goes_on: Callable[[FloatArray], bool] | None,
+        can_continue: Callable[[FloatArray], bool] | None,
     ) -> SeamProblem:
         robot, work = self.job.cell.robot, chain.work
-        near = None if work.posture is None else np.array(robot.postures[work.posture])
+        reference = None if work.posture is None else np.array(robot.postures[work.posture])
         time = (
             work.duration * SEAM.steady_share
             if work.duration is not None
@@ -329,54 +337,56 @@ class SeamPlanner:
         return SeamProblem(
             chain=chain,
             limits=self.job.limits,
-            start=start.here,
-            near=near,
+            start=start.current,
+            reference=reference,
             begin=start.begin,
             time=time / self.job.speed,
             samples=EFFORTS[self.effort].seam_samples,
-            tried=EFFORTS[self.effort].seam_starts,
+            improved_starts=EFFORTS[self.effort].seam_starts,
             seed=self.seed + start.number,
-            coming=self._coming(start.here),
-            goes_on=goes_on,
+            transfer_times=self._transfer_times(start.current),
+            can_continue=can_continue,
             clear=None if holding is None else clearance_test(holding),
-            what_touches=None if holding is None else partial(nearest_bodies, holding),
+            nearest_bodies=None if holding is None else partial(nearest_bodies, holding),
         )
 
-    def _coming(self, here: FloatArray) -> Callable[[FloatArray], FloatArray] | None:
-        """Returns how long straight transfers from a configuration take."""
+    def _transfer_times(self, start: FloatArray) -> Callable[[FloatArray], FloatArray] | None:
+        """Create the function of straight transfer times from a configuration."""
         if self.free_start:
             return None
         limits = self.job.limits
-        return lambda position: np.array([float(limits.law.duration(q - here)) for q in position])
+        return lambda position: np.array([float(limits.law.duration(q - start)) for q in position])
 
     def _solvers(self, task: str, problem: SeamProblem) -> list[str]:
-        """Returns the solver that was asked for, or the first one that serves.
+        """Select the requested solver, or the first two that support the seam.
 
-        Then also the next one that serves: for where the first one's answer cannot be worked, or not as fast as asked:
-        solvers know neither ramps nor a cap on the tools' speed, by which a part that moves may be worth less.
+        The second one is for seams that the first cannot work, or not as fast as required. Solvers know neither ramps
+        nor a cap on the tools' speed, which can make a moving part the worse choice.
 
         Raises:
-            UnsupportedError: the one that was asked for does not serve.
+            UnsupportedError: the requested solver does not support the seam.
         """
         work = problem.chain.work
-        named = self.asked or work.method
+        named = self.requested or work.method
         if named is not None:
             if reason := SEAM_SOLVERS[named].why_unsupported(problem):
                 raise UnsupportedError(f"{work.place}: task '{task}': method {named}: {reason}")
             return [named]
-        serve = [one.name for one in SEAM_SOLVERS if one.why_unsupported(problem) is None]
-        return serve[:2]
+        supporting = [
+            solver.name for solver in SEAM_SOLVERS if solver.why_unsupported(problem) is None
+        ]
+        return supporting[:2]
 
     def _worked(
         self, problem: SeamProblem, holding: Holding | None, name: str
     ) -> PlannedSeam | Refusal:
-        """Returns the seam by one solver, or why there is none."""
+        """Plan the seam by one solver, or explain why there is none."""
         motion = SEAM_SOLVERS[name].solve(problem)
         if isinstance(motion, NoSeam):
             return where_it_fails(problem.chain.work, motion)
         planned = self._timed(problem, motion, name)
         if motion.time <= problem.time and self._falls_short(planned, problem.chain.work):
-            # The solver ended where it thought it fast enough, ramps not counted: now as fast as it can.
+            # The solver stopped at the required speed without ramps: repeat for the greatest speed.
             faster = SEAM_SOLVERS[name].solve(replace(problem, time=0.0))
             if isinstance(faster, SeamMotion):
                 planned = quicker(planned, self._timed(problem, faster, name))
@@ -391,7 +401,7 @@ class SeamPlanner:
         return planned if touched is None else touched
 
     def _falls_short(self, planned: PlannedSeam | Refusal, work: SeamWork) -> bool:
-        """Returns whether a seam is refused as too fast, or slower than the file asks."""
+        """Test whether a seam is refused as too fast, or slower than required."""
         if isinstance(planned, Refusal):
             return is_too_fast(planned)
         if work.duration is not None:
@@ -400,7 +410,7 @@ class SeamPlanner:
         return planned.seam.speed(work.length) * SEAM.slowed < work.speed * self.job.speed
 
     def _timed(self, problem: SeamProblem, motion: SeamMotion, name: str) -> PlannedSeam | Refusal:
-        """Returns a solver's answer in time, with the tool's lines, or why there is none."""
+        """Time a solver's joints, with the tool's lines, or explain why it fails."""
         chain, work, limits = problem.chain, problem.chain.work, problem.limits
         path = SeamPath.of(problem, motion)
         if path is None:
@@ -416,14 +426,16 @@ class SeamPlanner:
         for line, length, end in (("approach", work.approach, 0), ("retract", work.retract, -1)):
             if length == 0.0:
                 continue
-            back = drawn_back(chain, limits, seam.trajectory.position[end], length)
+            back = trace_retract(chain, limits, seam.trajectory.position[end], length)
             if isinstance(back, Refusal):
                 return Refusal("seam_line", more={"line": line, "cause": back})
-            way = back[::-1] if end == 0 else back
-            found = line_motion(chain, way, length, limits, self.timing, self.job.tool_speed)
-            if isinstance(found, Refusal):
-                return Refusal("seam_line", more={"line": line, "cause": found})
-            lines[line] = found
+            positions = back[::-1] if end == 0 else back
+            motion_on_line = line_motion(
+                chain, positions, length, limits, self.timing, self.job.tool_speed
+            )
+            if isinstance(motion_on_line, Refusal):
+                return Refusal("seam_line", more={"line": line, "cause": motion_on_line})
+            lines[line] = motion_on_line
         q, joints = seam.trajectory.position, limits.joints
         return PlannedSeam(
             approach=lines["approach"],
@@ -436,10 +448,10 @@ class SeamPlanner:
         )
 
 
-def _together(chain: Chain, position: FloatArray) -> bool:
-    """Returns whether joints (n,) [rad] have tool and part where the seam begins."""
+def _is_closed(chain: Chain, position: FloatArray) -> bool:
+    """Test whether joints (n,) [rad] have tool and part at the begin of the seam."""
     share = np.zeros(1)
     given = chain.work.master is not None and chain.work.hold.given
     poses = chain.work.hold.at(share) if given else None
-    left = all_equations(chain, position[None], share, part=poses).left
-    return bool(np.abs(left).max() < SEAM.together)
+    residuals = all_equations(chain, position[None], share, part=poses).residuals
+    return bool(np.abs(residuals).max() < SEAM.closed)

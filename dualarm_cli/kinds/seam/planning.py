@@ -1,4 +1,4 @@
-"""Seams in the planner: each with the transfer to where its tool's approach begins."""
+"""Planner interface of seams: each with the transfer to its approach."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ from dualarm_cli.notes import Note
 from dualarm_cli.refusals import Refusal
 
 SAME = 1e-9
-"""Difference of two configurations that count as one [rad]."""
+"""Tolerance of equal configurations [rad]."""
 SEAMS_KEPT = Note(
     "sensitivity: seams count as constant, and so do waits for not_before", "sensitivity"
 )
-"""What sensitivities of jobs with seams assume."""
+"""Note on the assumptions of sensitivities."""
 
 
 def add_seam_section(
     tools: SectionTools,
     record: SectionBuilder,
     section: Section,
-    here: FloatArray | None,
+    current: FloatArray | None,
     after: Section,
 ) -> None:
-    """Appends a seam with the transfer to where its tool's approach begins.
+    """Append a seam with the transfer to its approach.
 
     Args:
-        tools: what it is planned with.
-        record: what is planned so far.
-        section: the seam's tasks, one per arm that works.
-        here: where the robot is [rad or m], shape (n,); None for anywhere.
-        after: the section after it: where that is a seam as well, its start counts.
+        tools: the planner.
+        record: the plan so far.
+        section: the seam's tasks, one per working arm.
+        current: joints before it [rad or m], shape (n,); None for any.
+        after: the next section; if it is a seam, its start counts.
 
     Raises:
         InfeasibleError: it cannot be worked.
@@ -67,96 +67,96 @@ def add_seam_section(
         tools.problem.effort,
         tools.problem.seed,
         tools.clear,
-        here is None,
+        current is None,
         tools.settings.seam_solver,
     )
-    found = planner.plan(
-        section[0].id, work, home if here is None else here, after[0].seam if after else None
+    planned = planner.plan(
+        section[0].id, work, home if current is None else current, after[0].seam if after else None
     )
     begin, name = record.clock, section[0].id
-    if here is not None and np.abs(found.first - here).max() > SAME:
+    if current is not None and np.abs(planned.first - current).max() > SAME:
         try:
-            transfer = tools.transfer(here, found.first)
+            transfer = tools.transfer(current, planned.first)
         except InfeasibleError as error:
             more = {"cause": error}
             raise InfeasibleError(
                 Refusal("no_way_to_seam", work.place, name, work.slave, more=more)
             ) from None
         motion = transfer.cleared.motion
-        _check_entry(work, job.speed, motion.trajectory.duration + found.coming, name)
-        add_transfer(record, _timed_entry(work, job.speed, motion, found), section)
+        _check_entry(work, job.speed, motion.trajectory.duration + planned.coming, name)
+        add_transfer(record, _timed_entry(work, job.speed, motion, planned), section)
         record.count(transfer)
     else:
-        _check_entry(work, job.speed, found.coming, name)
-    add_seam(record, tools.problem.model, section, found, begin, job.speed)
-    record.notes += seam_notes(job, section[0].id, work, found.seam)
+        _check_entry(work, job.speed, planned.coming, name)
+    add_seam(record, tools.problem.model, section, planned, begin, job.speed)
+    record.notes += seam_notes(job, section[0].id, work, planned.seam)
 
 
 def _check_entry(work: SeamWork, pace: float, taken: float, task: str) -> None:
-    """Refuse a way to a seam that takes longer than the file gives it.
+    """Refuse a motion to a seam that takes longer than its entry's duration.
 
     Raises:
         InfeasibleError: transfer, approach and dwell take more than the entry's duration.
     """
-    asked = math.inf if work.entry_duration is None else work.entry_duration / pace
-    if taken > asked + SAME_TIME:
+    allowed = math.inf if work.entry_duration is None else work.entry_duration / pace
+    if taken > allowed + SAME_TIME:
         raise InfeasibleError(
-            Refusal("entry_too_short", work.place, task, work.slave, taken, asked)
+            Refusal("entry_too_short", work.place, task, work.slave, taken, allowed)
         )
 
 
-def _timed_entry(work: SeamWork, pace: float, motion: Motion, found: PlannedSeam) -> Motion:
-    """Returns the transfer to a seam, drawn out to the time that the file gives the way there."""
+def _timed_entry(work: SeamWork, pace: float, motion: Motion, planned: PlannedSeam) -> Motion:
+    """Stretch the transfer to a seam to the duration of its entry."""
     if work.entry_duration is None:
         return motion
-    return drawn_out_transfer(motion, work.entry_duration / pace - found.coming)
+    return drawn_out_transfer(motion, work.entry_duration / pace - planned.coming)
 
 
 def seam_opens(section: Section) -> float:
-    """Returns when a seam may begin at the earliest [s]: so that its dwell is over when the file says."""
+    """Compute the earliest begin of a seam's dwell [s]."""
     work = section[0].seam
     assert work is not None
     return max(0.0, work.not_before - work.dwell_start)
 
 
 def seam_poses(job: Job, section: Section, share: float) -> ToolPoses:
-    """Return the known tool poses at a share of a seam.
+    """Return the known tool poses at a fraction of a seam.
 
-    At its ends the slave's are where the approach begins and the retract ends. Without the part's pose nothing is
-    known, and nothing of a slave whose tool may lean.
+    At its ends the slave's pose is that at the begin of the approach and the end of the retract. Poses are unknown
+    without the part's pose, and for a slave whose tool may tilt.
     """
     work = section[0].seam
     assert work is not None
-    found: dict[str, PoseTarget] = {}
+    poses: dict[str, PoseTarget] = {}
     if work.master is not None and not work.hold.given:
-        return found
+        return poses
     part = work.part
     if work.master is not None:
         part = _pose(*work.hold.at(np.array([share])))
         flange = part * work.part.inverse()
-        found[work.master] = PoseTarget(flange * job.cell.tools[work.master].tcp)
+        poses[work.master] = PoseTarget(flange * job.cell.tools[work.master].tcp)
     if work.tool.tilt == 0.0:
         line = {0.0: work.approach, 1.0: work.retract}.get(share, 0.0)
-        back = np.array([0.0, 0.0, -work.tool.standoff - line])
-        tool = part * _pose(*work.tool_frames(np.array([share]))) * pin.SE3(np.eye(3), back)
-        found[work.slave] = PoseTarget(tool, free_yaw=work.tool.free_spin)
-    return found
+        offset = np.array([0.0, 0.0, -work.tool.standoff - line])
+        tool = part * _pose(*work.tool_frames(np.array([share]))) * pin.SE3(np.eye(3), offset)
+        poses[work.slave] = PoseTarget(tool, free_yaw=work.tool.free_spin)
+    return poses
 
 
 def _pose(R: FloatArray, p: FloatArray) -> pin.SE3:
-    """Returns the first one of some poses, rotations (k, 3, 3) and positions (k, 3) [m]."""
+    """Return the first of some poses, rotations (k, 3, 3) and positions (k, 3) [m]."""
     return pin.SE3(R[0], p[0])
 
 
 def least_entry(job: Job, section: Section) -> float:
-    """Returns the time that a file gives the way to a seam, without the dwell at its end [s]; 0 where it gives none."""
+    """Return the entry's duration without the dwell at its end [s], or 0."""
     work = section[0].seam
     assert work is not None
     return max(0.0, (work.entry_duration or 0.0) / job.speed - work.dwell_start)
 
 
 def least_time(job: Job, section: Section) -> float:
-    """Returns what no plan of a seam can beat [s]."""
+    """Compute the lower bound on a seam's duration [s]."""
     work = section[0].seam
     assert work is not None
     return seam_bound(work, job.speed)

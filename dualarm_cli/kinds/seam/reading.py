@@ -1,4 +1,4 @@
-"""Coordinate tasks: curves on parts, how tools stand on them, where the part is meanwhile."""
+"""Coordinate tasks of task files: curves on parts, tools on them, poses of the part."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class SeamReading:
     least_lean: float = math.radians(1.0)
     """Least angle between a curve and its surface's normal [rad]."""
     sharpest: float = math.radians(30.0)
-    """Largest turn of a curve between the nodes at which it is measured [rad]: more is a corner."""
+    """Largest turn of a curve between measured nodes; more is a corner [rad]."""
     shortest: float = 1e-5
-    """Least length of a curve, distance of points of a spline, and of a branch pipe from the main one's side [m]."""
+    """Least length of curves, of spline intervals, and of the gap between two pipes' sides [m]."""
     same_point: float = 1e-6
-    """Distance below which neighbouring poses of a file stand at one place [m]."""
+    """Distance below which neighbouring poses of a file coincide [m]."""
     smallest_normal: float = 1e-9
     """Least length of a normal."""
 
@@ -57,14 +57,14 @@ SEAM_KEYS = {
     "dwell": "write it into its entry and exit",
     "part": "its own part says where the part is held",
 }
-"""Message of keys that a coordinate task has elsewhere."""
+"""Remedies for keys that belong elsewhere in a coordinate task."""
 
 
 class SeamReader:
-    """Turns the coordinate tasks of one task file into data."""
+    """Reader of the coordinate tasks of one task file."""
 
     def __init__(self, reader: TaskReader) -> None:
-        """Prepares for a file.
+        """Store the reader of the file's tasks.
 
         Args:
             reader: of its tasks.
@@ -72,17 +72,17 @@ class SeamReader:
         self._reader, self._curves = reader, reader.curves
 
     def work(self, section: CoordinateSection, loc: Loc) -> SeamWork | None:
-        """Returns what is worked on and how, or None after noting what is wrong.
+        """Create a seam, or report what is wrong and return None.
 
         Args:
             section: the task as the file has it.
-            loc: where it stands.
+            loc: its location in the file.
         """
-        good = self._known(section, loc)
+        is_valid = self._check_names(section, loc)
         curve = self._curve(section.curve, (*loc, "curve"))
         part = self._curves.placed(section.part, (*loc, "part"))
         hold = self._hold(section.hold, (*loc, "hold"))
-        if curve is None or part is None or hold is None or not good:
+        if curve is None or part is None or hold is None or not is_valid:
             return None
         tool = section.tool
         return SeamWork(
@@ -116,26 +116,26 @@ class SeamReader:
             place=self._reader.place(loc),
         )
 
-    def _known(self, section: CoordinateSection, loc: Loc) -> bool:
-        """Notes arms and postures that the robot does not have."""
-        cell, arms, good = self._reader.cell, self._reader.arms, True
+    def _check_names(self, section: CoordinateSection, loc: Loc) -> bool:
+        """Check that the robot has the named arms, bodies and postures."""
+        cell, arms, is_valid = self._reader.cell, self._reader.arms, True
         for key in ("master", "slave"):
             name = getattr(section, key)
             if name is not None and name not in arms:
                 message = f"{cell.robot.name} has no {name} arm; it has {', '.join(arms)}"
                 self._reader.note((*loc, key), message)
-                good = False
-        bodies = [f"{arm}_tool" for arm in arms] + [one.name for one in cell.obstacles]
+                is_valid = False
+        bodies = [f"{arm}_tool" for arm in arms] + [obstacle.name for obstacle in cell.obstacles]
         for k, name in enumerate(section.touches or ()):
             if name not in bodies:
                 message = (
                     f"there is no body {quote(name)}{suggest(name, bodies, 'tools and obstacles')}"
                 )
                 self._reader.note((*loc, "touches", k), message)
-                good = False
+                is_valid = False
         if not self._reader.check_posture(section.posture, (*loc, "posture")):
-            good = False
-        return good
+            is_valid = False
+        return is_valid
 
     def _touches(self, section: CoordinateSection) -> tuple[str, ...]:
         if section.touches is not None:
@@ -146,56 +146,56 @@ class SeamReader:
         if section.mode is not None:
             return Hold(still=section.mode == "still")
         if section.way is not None:
-            way = self._curves.read(section.way, (*loc, "way"))
-            if way is not None and way.corners:
+            part_path = self._curves.read(section.way, (*loc, "way"))
+            if part_path is not None and part_path.corners:
                 self._reader.note((*loc, "way"), CORNERS)
                 return None
-            return None if way is None else Hold(part_path=way)
+            return None if part_path is None else Hold(part_path=part_path)
         pose = self._curves.placed(section, loc)
         return None if pose is None else Hold(pose=pose)
 
     def _curve(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
         if section.kind == "poses":
             return self._through(section, (*loc, "file"))
-        wrong = _wrong(section)
+        wrong = _curve_fault(section)
         if wrong:
-            where, message = wrong
-            self._reader.note((*loc, *where), message)
+            place, message = wrong
+            self._reader.note((*loc, *place), message)
             return None
         contour = _contour(section)
         curve = FeatureCurve(contour, to_se3(section))
         if not self._smooth(curve, loc):
             return None
         key = "normals" if section.normals else "normal"
-        where = (*loc, key) if getattr(section, key) else loc
+        place = (*loc, key) if getattr(section, key) else loc
         if least_lean(contour) < READ.least_lean:
             message = (
                 "the normal is tangent to the curve somewhere; it must point out of the surface"
             )
-            self._reader.note(where, message)
+            self._reader.note(place, message)
             return None
         roll, at = sharpest_roll(contour)
         if roll > READ.sharpest:
             message = f"the normal turns over at once near {_shown(at)}; give normals of one side"
-            self._reader.note(where, message)
+            self._reader.note(place, message)
             return None
         return curve
 
     def _through(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
-        """Returns the curve through the poses of a file, or None after noting what is wrong."""
+        """Create the curve through the poses of a file, or report errors and return None."""
         poses = self._curves.poses(str(section.file), loc)
         if poses is None:
             return None
-        for k, (one, other) in enumerate(pairwise(poses), 1):
-            if math.dist(one.translation, other.translation) < READ.same_point:
-                message = f"its poses {k} and {k + 1} stand at one place; a curve only turns along its way"
+        for k, (first, second) in enumerate(pairwise(poses), 1):
+            if math.dist(first.translation, second.translation) < READ.same_point:
+                message = f"its poses {k} and {k + 1} are at one place; a curve turns only while it advances"
                 self._reader.note(loc, message)
                 return None
         curve = PoseCurve.through(poses, to_se3(section))
         return curve if self._smooth(curve, loc) else None
 
     def _smooth(self, curve: MeasuredCurve, loc: Loc) -> bool:
-        """Notes a curve of no length, and one with a corner, where the tool would have to stop."""
+        """Report a curve with a corner, where the tool would have to stop, or without length."""
         bend, at = sharpest_bend(curve.contour)
         if bend > READ.sharpest:
             self._reader.note(
@@ -204,7 +204,7 @@ class SeamReader:
                 "to stop; round it, or end the curve there and begin another task",
             )
             return False
-        # Only now: where a curve stands still there is no length to be measured by.
+        # After the bends: a curve that stands still has no length.
         if curve.length < READ.shortest:
             self._reader.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
             return False
@@ -215,8 +215,8 @@ CORNERS = "a part cannot follow a curve with corners, where it would have to sto
 
 
 def _shown(point: FloatArray) -> str:
-    """Returns a point of a curve for people."""
-    # What is less than a nanometre is 0.
+    """Format a point of a curve for messages."""
+    # Less than a nanometre counts as 0.
     return f"({', '.join(f'{round(v, 9) + 0.0:.6g}' for v in point.tolist())})"
 
 
@@ -241,8 +241,8 @@ def _contour(section: FeatureSection) -> Contour:
     return PointSpline.through(np.array(section.points), normals, closed=bool(section.closed))
 
 
-def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
-    """Returns place and message of what makes a curve impossible, or None."""
+def _curve_fault(section: FeatureSection) -> tuple[Loc, str] | None:
+    """Find the first error of a curve as place and message, or None."""
     begin = section.begin or 0.0
     if section.finish is not None and section.finish == begin:
         return ("finish",), "the curve ends where it begins; leave 'finish' out for a full turn"
@@ -270,19 +270,19 @@ def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
                     return (key,), f"'{key}' needs main_radius, the sphere that the arc lies on"
         elif section.side is not None:
             return ("side",), "on a sphere the tool comes from outside it; leave 'side' out"
-    return _wrong_points(section)
+    return _point_fault(section)
 
 
-def _wrong_points(section: FeatureSection) -> tuple[Loc, str] | None:
-    """Returns place and message of what is wrong with points and normals, or None."""
-    for where, direction in _directions(section):
+def _point_fault(section: FeatureSection) -> tuple[Loc, str] | None:
+    """Find the first error of points and normals as place and message, or None."""
+    for place, direction in _directions(section):
         if math.hypot(*direction) < READ.smallest_normal:
-            return where, "a normal of no length points nowhere; give a direction such as [0, 0, 1]"
+            return place, "a normal of no length points nowhere; give a direction such as [0, 0, 1]"
     if section.kind == "line" and _near(section.start, section.end):
         return ("end",), "the line ends where it begins"
     if section.points is not None:
-        for k, (one, other) in enumerate(zip(section.points, section.points[1:], strict=False)):
-            if _near(one, other):
+        for k, (first, second) in enumerate(zip(section.points, section.points[1:], strict=False)):
+            if _near(first, second):
                 return ("points", k + 1), "the same point as the one before; remove it"
         if section.closed and not _near(section.points[0], section.points[-1]):
             return ("points",), "a closed spline ends with the point it begins with"
@@ -292,28 +292,28 @@ def _wrong_points(section: FeatureSection) -> tuple[Loc, str] | None:
 
 
 def _directions(section: FeatureSection) -> list[tuple[Loc, list[float]]]:
-    """Returns all normals with their places."""
-    found: list[tuple[Loc, list[float]]] = []
+    """List all normals with their places."""
+    normals: list[tuple[Loc, list[float]]] = []
     if section.normal is not None:
-        found.append((("normal",), section.normal))
+        normals.append((("normal",), section.normal))
     for k, direction in enumerate(section.normals or ()):
-        found.append((("normals", k), direction))
-    return found
+        normals.append((("normals", k), direction))
+    return normals
 
 
-def _near(one: Sequence[float] | None, other: Sequence[float] | None) -> bool:
-    return math.dist(one or (), other or ()) < READ.shortest
+def _near(first: Sequence[float] | None, second: Sequence[float] | None) -> bool:
+    return math.dist(first or (), second or ()) < READ.shortest
 
 
 def partners(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
-    """Returns each arm's share of a coordinate task.
+    """Create each arm's task of a coordinate task.
 
     Args:
         reader: of the file.
         section: the task as the file has it.
-        loc: where it stands.
+        loc: its location in the file.
     """
-    assert isinstance(section, SeamTask) and section.coordinate is not None  # asked for by its key
+    assert isinstance(section, SeamTask) and section.coordinate is not None  # selected by its key
     for key in ("arm", "approach", "retract", "dwell", "part"):
         if getattr(section, key) is not None:
             instead = SEAM_KEYS.get(key, "remove it")
@@ -322,7 +322,7 @@ def partners(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
     work = SeamReader(reader).work(section.coordinate, (*loc, "coordinate"))
     if work is None:
         return []
-    found = []
+    tasks = []
     for arm in work.arms:
         # The master only holds still while the slave comes, dwells and leaves.
         works = arm == work.slave
@@ -342,8 +342,8 @@ def partners(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
             Dwell(gripper=work.dwell_end if works else 0.0),
             work.place,
         )
-        found.append(Task(section.id, arm, (first, last), tuple(section.after), seam=work))
-    return found
+        tasks.append(Task(section.id, arm, (first, last), tuple(section.after), seam=work))
+    return tasks
 
 
 READING = KindReading(

@@ -42,7 +42,7 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
     "spline": ("points",),
     "poses": ("file",),
 }
-"""Keys that each kind of curve needs."""
+"""Required keys of each kind of curve."""
 TAKES: Mapping[str, tuple[str, ...]] = {
     "saddle": ("angle", "eccentricity", "begin", "finish"),
     "arc": ("main_radius", "angle", "eccentricity", "begin", "finish", "side"),
@@ -51,11 +51,14 @@ TAKES: Mapping[str, tuple[str, ...]] = {
     "spline": ("normal", "normals", "closed"),
     "poses": (),
 }
-"""Keys that it may have besides."""
+"""Optional keys of each kind of curve."""
 
 
 class FeatureSection(Pose):
-    """A curve on the part; its own pose places it in the part's frame."""
+    """Curve on the part.
+
+    Its own pose places it in the part's frame.
+    """
 
     kind: CurveKind = Field(description="What it is.")
     main_radius: Size | None = Field(
@@ -80,7 +83,7 @@ class FeatureSection(Pose):
     )
     finish: Angle | None = Field(
         default=None,
-        description="Angle where it ends; default a full turn; below 'begin' it goes the other way [rad].",
+        description="Angle where it ends; default a full turn; below 'begin' the curve runs backwards [rad].",
     )
     side: Literal["above", "outside"] | None = Field(
         default=None,
@@ -115,8 +118,10 @@ class FeatureSection(Pose):
         allowed = {*NEEDS[self.kind], *TAKES[self.kind]}
         for key in {key for keys in (*NEEDS.values(), *TAKES.values()) for key in keys} - allowed:
             if getattr(self, key) is not None:
-                some = ", ".join(sorted(allowed))
-                raise refuse(f"'{key}' does not go with kind: {self.kind}; it has {some}", key)
+                keys_of_kind = ", ".join(sorted(allowed))
+                raise refuse(
+                    f"'{key}' does not go with kind: {self.kind}; it has {keys_of_kind}", key
+                )
         if self.normals is not None and self.normal is not None:
             raise refuse("'normal' does not go with 'normals'; keep one", "normal")
         if self.normals is not None and len(self.normals) != len(self.points or []):
@@ -125,7 +130,7 @@ class FeatureSection(Pose):
 
 
 class SeamToolSection(Section):
-    """How the tool stands on the curve."""
+    """Pose and freedoms of the tool on the curve."""
 
     standoff: Clearance = Field(
         default=0.0, description="Distance of the tool centre point from the curve [m]."
@@ -157,7 +162,7 @@ class SeamToolSection(Section):
 
 
 class HoldSection(FramedPose):
-    """Where the part is while its curve is worked on."""
+    """Pose or motion of the part during the work."""
 
     mode: Literal["free", "still"] | None = Field(
         default=None,
@@ -169,10 +174,10 @@ class HoldSection(FramedPose):
     )
 
     @model_validator(mode="after")
-    def _one_way(self) -> HoldSection:
+    def _check_exactly_one(self) -> HoldSection:
         given = [key for key in ("mode", "xyz", "way") if getattr(self, key) is not None]
         if not given:
-            raise refuse("give free, still, a pose (xyz, rpy) or a way")
+            raise refuse("give free, still, a pose (xyz, rpy) or a curve (way)")
         if len(given) > 1:
             raise refuse(f"'{given[1]}' does not go with '{given[0]}'; keep one", given[1])
         if self.way is not None and self.way.through is None and self.way.poses is None:
@@ -188,7 +193,7 @@ Hold = Annotated[HoldSection, ShortForm("mode")]
 
 
 class EntrySection(Section):
-    """How the tool comes to the curve."""
+    """Motion of the tool to the curve."""
 
     approach: StraightLine = Field(
         default=0.0, description="Straight line along the tool's axis [m]."
@@ -203,7 +208,7 @@ class EntrySection(Section):
 
 
 class ExitSection(Section):
-    """How the tool leaves the curve."""
+    """Motion of the tool from the curve."""
 
     dwell: Duration = Field(default=0.0, description="Dwell at the end of the curve [s].")
     retract: StraightLine = Field(
@@ -212,7 +217,7 @@ class ExitSection(Section):
 
 
 class CoordinateSection(Section):
-    """Both arms on one part: one holds it, the other's tool works along a curve on it."""
+    """Work of both arms on one part: one holds it, the other works along a curve."""
 
     master: Literal["left", "right"] | None = Field(
         default=None,
@@ -291,7 +296,7 @@ class CoordinateSection(Section):
 
 
 class SeamTask(TaskHead):
-    """A task that may be worked by both arms on one part."""
+    """Task that both arms may work on one part."""
 
     coordinate: CoordinateSection | None = Field(
         default=None,

@@ -122,9 +122,7 @@ class _Hand:
                 continue  # the check of the order finds unknown tasks
             if task.tool != on:
                 done, due = (f"tool {name}" if name else "no tool" for name in (on, task.tool))
-                self._note(
-                    f"{event.task} {event.action} is done with {done} mounted; it needs {due}"
-                )
+                self._note(f"{event.task} {event.action} has {done} mounted; it needs {due}")
             if before is not None and before == on:
                 self._note(f"{before or 'no tool'} was already mounted before {event.task}")
             before = None

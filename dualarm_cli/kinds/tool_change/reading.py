@@ -158,7 +158,7 @@ def _in_own_frame(reader: TaskReader, target: Target, loc: Loc, arm: str, tool: 
         key = "free" if target.free_yaw else "symmetry"
         message = (
             f"turns about the z axis of tool {quote(tool)} are free here, but that axis is "
-            f"{offset * 1e3:.3g} mm beside the arm's own tool's (tool_changes: tcp); remove '{key}', or make the "
+            f"{offset * 1e3:.3g} mm from the arm's own tool's (tool_changes: tcp); remove '{key}', or make the "
             "two coaxial"
         )
         reader.note((*loc, key), message)

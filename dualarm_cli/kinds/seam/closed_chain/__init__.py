@@ -1,4 +1,4 @@
-"""The family of seam solvers: both arms' joints while one works along a curve on what the other holds."""
+"""Seam solvers: joints of both arms while one works along a curve on the other's part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The closed chain: part in one arm, tool in the other, as equations in the joints of both."""
+"""Closed chain of part and tool in both arms, as equations in their joints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.records import dataclass
 
 TURN = 0.1
-"""Length that a radian counts as where residuals are compared [m]."""
+"""Length equivalent of a radian in residuals [m]."""
 
 
 @dataclass(frozen=True)
@@ -42,43 +42,46 @@ class Bodies:
 
 @dataclass(frozen=True)
 class Equations:
-    """m equations at each of k configurations of n joints."""
+    """System of m equations at each of k configurations of n joints."""
 
-    left: FloatArray
-    """What is left of them [m or rad], shape (k, m)."""
+    residuals: FloatArray
+    """Residuals [m or rad], shape (k, m)."""
     slope: FloatArray
-    """How they change with the joints, shape (k, m, n)."""
+    """Jacobians of the residuals, shape (k, m, n)."""
     scale: FloatArray
-    """Length that a unit counts as where they are compared [m], shape (m,)."""
+    """Length equivalent of a unit of each row [m], shape (m,)."""
     one_sided: int = 0
-    """So many of the last rows may be anything below 0: they are 0 there, and change with nothing."""
+    """Number of last rows that are inequalities.
+
+    Below 0 their residual and slope are 0.
+    """
 
     @property
     def size(self) -> FloatArray:
-        """The largest of each configuration [m, radians by TURN], shape (k,)."""
-        found: FloatArray = np.abs(self.left * self.scale).max(axis=1, initial=0.0)
-        return found
+        """Largest residual of each configuration [m, radians by TURN], shape (k,)."""
+        largest: FloatArray = np.abs(self.residuals * self.scale).max(axis=1, initial=0.0)
+        return largest
 
     @property
     def exact(self) -> Equations:
-        """Those that are not one-sided."""
-        rows = slice(0, self.left.shape[1] - self.one_sided)
-        return Equations(self.left[:, rows], self.slope[:, rows], self.scale[rows])
+        """Equations without the one-sided rows."""
+        rows = slice(0, self.residuals.shape[1] - self.one_sided)
+        return Equations(self.residuals[:, rows], self.slope[:, rows], self.scale[rows])
 
-    def after(self, other: Equations) -> Equations:
-        """Returns these after others that have no one-sided rows."""
+    def after(self, first: Equations) -> Equations:
+        """Append these equations to others without one-sided rows."""
         return Equations(
-            np.concatenate([other.left, self.left], axis=1),
-            np.concatenate([other.slope, self.slope], axis=1),
-            np.concatenate([other.scale, self.scale]),
+            np.concatenate([first.residuals, self.residuals], axis=1),
+            np.concatenate([first.slope, self.slope], axis=1),
+            np.concatenate([first.scale, self.scale]),
             self.one_sided,
         )
 
     def with_one_sided(self, excess: FloatArray, slope: FloatArray) -> Equations:
-        """Returns them with one row more: an excess (k,) [rad] that may not be above 0, and its slope (k, n)."""
+        """Add the inequality that an excess (k,) [rad] with slope (k, n) is not positive."""
         above = excess > 0.0
         return Equations(
-            np.concatenate([self.left, np.where(above, excess, 0.0)[:, None]], axis=1),
+            np.concatenate([self.residuals, np.where(above, excess, 0.0)[:, None]], axis=1),
             np.concatenate([self.slope, (slope * above[:, None])[:, None]], axis=1),
             np.append(self.scale, TURN),
             self.one_sided + 1,
@@ -86,17 +89,17 @@ class Equations:
 
 
 def lean_and_spin(E: FloatArray) -> FloatArray:
-    """Returns how tools are turned away from how they should be, (k, 3) [rad].
+    """Compute the rotation errors of tools as tilt vector and spin, (k, 3) [rad].
 
-    The first two are the lean of the axis, a vector as long as its angle; the third is the turn about the axis.
+    The first two are the tilt of the axis, a vector as long as its angle; the third is the turn about the axis.
 
     Args:
-        E: rotations of the tools in the frames as they should be, shape (k, 3, 3).
+        E: rotations of the tools in their target frames, shape (k, 3, 3).
     """
     x, y, z = np.moveaxis(E[..., :, 2], -1, 0)
     sine = np.hypot(x, y)
     scale = np.where(sine > 1e-9, arctan2(sine, z) / np.where(sine > 1e-9, sine, 1.0), 1.0)
-    # e_z x axis is the lean; taking it back leaves the spin.
+    # The tilt is along e_z x axis; undoing it leaves the spin.
     lean = np.stack([-y * scale, x * scale, np.zeros_like(x)], axis=-1)
     spin = arctan2(E[..., 1, 0] - E[..., 0, 1], E[..., 0, 0] + E[..., 1, 1])
     lean[..., 2] = spin
@@ -104,13 +107,13 @@ def lean_and_spin(E: FloatArray) -> FloatArray:
 
 
 def lean_slopes(E: FloatArray, w: FloatArray) -> FloatArray:
-    """Returns how lean and spin change, (k, 3, n), where tools turn by w (k, 3, n) per joint; see `lean_and_spin`.
+    """Compute derivatives of tilt and spin by the joints, (k, 3, n); see `lean_and_spin`.
 
-    With the axis a = E e_z at the angle t from e_z the lean is (t / sin t) e_z x a, and the axis moves by w x a. What
-    turns about the axis alone is the part of w along e_z + a, over 1 + a_z (the lean's own turn is the shortest one).
+    With the axis a = E e_z at the angle t from e_z, the tilt is (t / sin t) e_z x a, and the axis moves by w x a. The
+    spin rate is the component of w along e_z + a, over 1 + a_z, because the tilt is the shortest turn.
 
     Args:
-        E: rotations of the tools in the frames as they should be, shape (k, 3, 3).
+        E: rotations of the tools in their target frames, shape (k, 3, 3).
         w: turns in these frames by each of n joints [rad/rad], shape (k, 3, n).
     """
     axis = E[:, :, 2]
@@ -123,30 +126,30 @@ def lean_slopes(E: FloatArray, w: FloatArray) -> FloatArray:
     # d (t / sin t) / dt, and dt = -d a_z / sin t; near e_z both are small.
     bend = np.where(small, 0.0, (sine - angle * cos(angle)) / np.square(safe))
     turned = -moved[:, 2] / safe[:, None] * ~small[:, None]
-    found = np.empty_like(w)
-    found[:, 0] = -moved[:, 1] * ratio[:, None] - axis[:, 1:2] * bend[:, None] * turned
-    found[:, 1] = moved[:, 0] * ratio[:, None] + axis[:, :1] * bend[:, None] * turned
+    slopes = np.empty_like(w)
+    slopes[:, 0] = -moved[:, 1] * ratio[:, None] - axis[:, 1:2] * bend[:, None] * turned
+    slopes[:, 1] = moved[:, 0] * ratio[:, None] + axis[:, :1] * bend[:, None] * turned
     between = axis + np.array([0.0, 0.0, 1.0])
-    over = np.maximum(1.0 + axis[:, 2], 1e-9)
-    found[:, 2] = product(between[:, None], w)[:, 0] / over[:, None]
-    return found
+    denominator = np.maximum(1.0 + axis[:, 2], 1e-9)
+    slopes[:, 2] = product(between[:, None], w)[:, 0] / denominator[:, None]
+    return slopes
 
 
 KEPT = 0.97
-"""Share of what tool and surface may lean that is used: between the places looked at they lean a little more."""
+"""Fraction of the allowed tilts that is used. Between checked places they are a little larger."""
 
 
 @dataclass(frozen=True)
 class _Limb:
-    """What one arm holds, with all joints that move it."""
+    """Kinematics of what one arm holds."""
 
     arm: GeneralArm
-    """Platform and arm as one chain in the world, the frame of what is held in place of the flange."""
+    """Platform and arm as one chain, with the held frame instead of the flange."""
     columns: list[int]
-    """Columns of its joints within the robot's."""
+    """Columns of its joints among the robot's."""
 
     def at(self, position: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Returns rotations (k, 3, 3), positions (k, 3) [m] and Jacobians (k, 6, n) at configurations (k, n)."""
+        """Compute rotations (k, 3, 3), positions (k, 3) [m] and Jacobians (k, 6, n)."""
         R, p, J_own = self.arm.linearised(np.ascontiguousarray(position[:, self.columns]))
         J = np.zeros((len(position), 6, position.shape[1]))
         J[:, :, self.columns] = J_own
@@ -154,7 +157,7 @@ class _Limb:
 
 
 def _limb(model: pin.Model, cell: Cell, name: str, T_flange_held: pin.SE3) -> _Limb:
-    """Returns an arm with what it holds."""
+    """Build the kinematics of an arm and its held frame."""
     robot, arm = cell.robot, cell.robot.arm(name)
     joints = [*robot.platform, *arm.joints]
     columns = robot.columns(joints)
@@ -166,14 +169,14 @@ def _limb(model: pin.Model, cell: Cell, name: str, T_flange_held: pin.SE3) -> _L
 
 
 class Chain:
-    """A seam's closed chain on one cell's robot: [Qin2024] Eq. 2-6, 18 and 19, as residuals with Jacobians.
+    """Closed chain of a seam as residuals with Jacobians ([Qin2024] Eq. 2-6, 18, 19).
 
-    The tool's pose in the part is compared with the seam's; where both are in the world plays no part, so that
-    joints that carry both arms have no influence. A part without a master stands in the world.
+    The tool's pose in the part is compared with the seam's, independent of their place in the world: joints that carry
+    both arms have no influence. A part without a master stands in the world.
     """
 
     def __init__(self, cell: Cell, work: SeamWork) -> None:
-        """Builds the kinematics, the part's frame in place of the master's tool.
+        """Build the kinematics, with the part's frame in place of the master's tool.
 
         Args:
             cell: robot, base and tools.
@@ -184,27 +187,30 @@ class Chain:
         self.joints = robot.joints
         """Names of the n joints."""
         model = pin.buildModelFromXML(robot.urdf)
-        own = {arm.name: np.isin(robot.joints, arm.joints) for arm in robot.arms}
+        arm_joints = {arm.name: np.isin(robot.joints, arm.joints) for arm in robot.arms}
         none = np.zeros(n, dtype=np.bool_)
-        self.slave_joints: BoolArray = own[work.slave]
+        self.slave_joints: BoolArray = arm_joints[work.slave]
         """The slave's own joints, shape (n,)."""
-        self.master_joints: BoolArray = none if work.master is None else own[work.master]
+        self.master_joints: BoolArray = none if work.master is None else arm_joints[work.master]
         """The master's own joints, shape (n,); none without a master."""
         carries = np.isin(robot.joints, robot.platform)
         self.moves_tool: BoolArray = self.slave_joints | carries
-        """Which joints move the tool, shape (n,)."""
+        """Flags of joints that move the tool, shape (n,)."""
         self.moves_part: BoolArray = none if work.master is None else self.master_joints | carries
-        """Which joints move the part, shape (n,)."""
+        """Flags of joints that move the part, shape (n,)."""
         self._tool = _limb(model, cell, work.slave, cell.tools[work.slave].tcp)
         self._part = None if work.master is None else _limb(model, cell, work.master, work.part)
 
     @cached_property
     def closes(self) -> BoolArray:
-        """Which joints change the tool's pose in the part, shape (n,): those that carry both do not."""
+        """Flags of joints that change the tool's pose in the part, shape (n,).
+
+        Joints that carry both arms do not.
+        """
         return self.moves_tool ^ self.moves_part
 
     def bodies(self, position: FloatArray) -> Bodies:
-        """Returns part and tool at configurations (k, n) [rad]."""
+        """Compute part and tool at configurations (k, n) [rad]."""
         tool = self._tool.at(position)
         if self._part is not None:
             return Bodies(*self._part.at(position), *tool)
@@ -214,40 +220,42 @@ class Chain:
         return Bodies(*stands, np.zeros((k, 6, n)), *tool)
 
     def equations(self, bodies: Bodies, share: FloatArray) -> Equations:
-        """Returns what has to vanish for the tool to be on the seam within its freedoms.
+        """Assemble the equations of a tool on the seam within its freedoms.
 
-        The tool's working point against the seam's point (3 rows, along the tool's axes as they should be); the lean of
-        its axis (2 rows, where the work leaves none); its spin (1 row, if not free). Then one-sided rows: what the axis
-        leans beyond the tilt that the work leaves, what the surface leans beyond `downhand`.
+        Distance of the tool's working point from the seam (3 rows, along the target axes), tilt of its axis (2 rows, if
+        none is allowed), and its spin (1 row, if not free). One-sided rows follow: tilt of the axis beyond the allowed
+        one, and of the surface beyond `downhand`.
 
         Args:
             bodies: at k configurations.
-            share: of the seam, shape (k,).
+            share: fractions of the seam, shape (k,).
         """
         work = self.work
         r, J = self.offsets(bodies, share)
         rows = [0, 1, 2] if work.tool.tilt > 0.0 else [0, 1, 2, 3, 4]
         rows += [] if work.tool.free_spin else [5]
-        found = Equations(r[:, rows], J[:, rows], np.array([1.0 if i < 3 else TURN for i in rows]))
+        equations = Equations(
+            r[:, rows], J[:, rows], np.array([1.0 if i < 3 else TURN for i in rows])
+        )
         if work.tool.tilt > 0.0:
             lean = norm(r[:, 3:5], axis=1)
             along = r[:, 3:5] / np.maximum(lean, 1e-12)[:, None]
             slope = (along[:, :, None] * J[:, 3:5]).sum(axis=1)
-            found = found.with_one_sided(lean - KEPT * work.tool.tilt, slope)
+            equations = equations.with_one_sided(lean - KEPT * work.tool.tilt, slope)
         if work.downhand is not None:
             upward, J_upward = self.upward(bodies, share)
             angle = arccos(np.clip(upward, -1.0, 1.0))
             slope = -J_upward / np.maximum(sin(angle), 1e-6)[:, None]
-            found = found.with_one_sided(angle - KEPT * work.downhand, slope)
-        return found
+            equations = equations.with_one_sided(angle - KEPT * work.downhand, slope)
+        return equations
 
     def leans_too_far(self, bodies: Bodies, share: FloatArray, kept: float = 1.0) -> bool:
-        """Returns whether tool or surface lean farther than the work lets them, at any of k configurations.
+        """Test whether tool or surface tilts more than allowed at any of k configurations.
 
         Args:
             bodies: at k configurations.
-            share: of the seam, shape (k,).
-            kept: share of what they may lean that counts.
+            share: fractions of the seam, shape (k,).
+            kept: fraction of the allowed tilts.
         """
         work, farthest = self.work, -np.inf
         if work.tool.tilt > 0.0:
@@ -260,18 +268,18 @@ class Chain:
         return farthest > 0.0
 
     def offsets(self, bodies: Bodies, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns how the tool is off the seam, (k, 6), and how that changes with the joints, (k, 6, n).
+        """Compute the tool's errors on the seam, (k, 6), and their Jacobians, (k, 6, n).
 
-        Entries 0 to 2: the working point from the seam's point [m]; 3 and 4: lean of the tool's axis; 5: spin [rad].
+        Entries 0 to 2: distance of the working point from the seam [m]; 3 and 4: tilt of its axis; 5: spin [rad].
         """
         work = self.work
         R_seam, p_seam = work.tool_frames(share)
         R_should = product(bodies.R_part, R_seam)
         tip = bodies.p_tool + work.tool.standoff * bodies.R_tool[:, :, 2]
-        there = bodies.p_part + product(bodies.R_part, p_seam[..., None])[..., 0]
+        target = bodies.p_part + product(bodies.R_part, p_seam[..., None])[..., 0]
         to_should = np.swapaxes(R_should, -1, -2)
         r = np.empty((len(share), 6))
-        r[:, :3] = product(to_should, (tip - there)[..., None])[..., 0]
+        r[:, :3] = product(to_should, (tip - target)[..., None])[..., 0]
         E = product(to_should, bodies.R_tool)
         r[:, 3:] = lean_and_spin(E)
         Jt, Jp = bodies.J_tool, bodies.J_part
@@ -283,11 +291,11 @@ class Chain:
         return r, J
 
     def nearest_share(self, bodies: Bodies, share: FloatArray, steps: int = 3) -> FloatArray:
-        """Returns the shares (k,) of the seam whose points are nearest to the tool's working point.
+        """Find the fractions (k,) of the seam nearest to the tool's working point.
 
         Args:
             bodies: at k configurations.
-            share: where to begin, shape (k,).
+            share: initial fractions, shape (k,).
             steps: Newton steps along the seam.
         """
         work = self.work
@@ -300,7 +308,7 @@ class Chain:
         return share
 
     def part_equations(self, bodies: Bodies, R: FloatArray, p: FloatArray) -> Equations:
-        """Returns what has to vanish for the part to be at poses in the world: 6 rows.
+        """Assemble the equations of the part at given poses: 6 rows.
 
         Args:
             bodies: at k configurations.
@@ -312,11 +320,11 @@ class Chain:
         return Equations(np.concatenate([bodies.p_part - p, turn], axis=1), bodies.J_part, scale)
 
     def upward(self, bodies: Bodies, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the vertical part of the surface's outward normal, (k,), and its change with the joints, (k, n).
+        """Compute the vertical component of the surface normal, (k,), and its Jacobian, (k, n).
 
         Args:
             bodies: at k configurations.
-            share: of the seam, shape (k,).
+            share: fractions of the seam, shape (k,).
         """
         R, _ = self.work.curve.at(share * self.work.length)
         normal = product(bodies.R_part, R[:, :, 2:])[..., 0]

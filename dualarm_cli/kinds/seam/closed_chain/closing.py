@@ -1,4 +1,4 @@
-"""Joints that close a chain: Newton steps from joints that nearly do, for many configurations at once."""
+"""Newton steps that close a chain, for many configurations at once."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ClosingSettings:
-    """Newton steps that close a chain."""
+    """Settings of the Newton steps that close a chain."""
 
     converged: float = 1e-11
-    """Residual below which no more steps are taken [m, radians by TURN]."""
+    """Residual at which the steps end [m, radians by TURN]."""
     longest_step: float = 0.4
     """Longest Newton step of a joint [rad]."""
     pull: float = 0.15
-    """Share of the way to where joints should rather be that a step takes."""
+    """Fraction of the distance to preferred joints per step."""
     damping: float = 1e-3
-    """Of steps far from closed, by the square of the residual: singular starts must not fly off."""
+    """Damping of steps per squared residual. Singular starts must not diverge."""
 
 
 CLOSING = ClosingSettings()
@@ -38,7 +38,7 @@ class Closed:
     position: FloatArray
     """Joints [rad], shape (k, n)."""
     residual: FloatArray
-    """What is left of the equations [m, radians by TURN], shape (k,)."""
+    """Residual of the equations [m, radians by TURN], shape (k,)."""
 
 
 def close(
@@ -50,29 +50,29 @@ def close(
     towards: FloatArray | None = None,
     pulls: int = 0,
 ) -> Closed:
-    """Returns the nearest joints that close the chain, by Newton steps of least weighted norm.
+    """Find the nearest joints that close the chain, by Newton steps of least weighted norm.
 
     Args:
-        equations: what joints (k, n) [rad] leave of being closed.
-        position: joints to begin with [rad], shape (k, n).
-        weight: how readily each joint moves, 0 for joints that stand, shape (n,).
-        steps: how many steps at most.
-        towards: joints that the first steps pull to, as far as the equations leave them free [rad], (n,).
-        pulls: how many steps pull.
+        equations: function of joints (k, n) [rad].
+        position: initial joints [rad], shape (k, n).
+        weight: mobility of each joint, 0 for joints that stand, shape (n,).
+        steps: maximum number of steps.
+        towards: joints to which the first steps pull in the null space [rad], (n,).
+        pulls: number of steps that pull.
     """
     q = np.array(position)
     for step in range(steps + 1):
-        found = equations(q)
-        left = found.size
-        if step == steps or left.max(initial=0.0) < CLOSING.converged:
+        system = equations(q)
+        residual = system.size
+        if step == steps or residual.max(initial=0.0) < CLOSING.converged:
             break
-        wish = np.zeros_like(q)
+        pull = np.zeros_like(q)
         if towards is not None and step < pulls:
-            wish = (weight > 0.0) * (q - towards) * CLOSING.pull
-        dq = wish + least_norm(found, weight, wish)
+            pull = (weight > 0.0) * (q - towards) * CLOSING.pull
+        dq = pull + least_norm(system, weight, pull)
         longest = np.abs(dq).max(axis=1)
         q -= dq * np.minimum(1.0, CLOSING.longest_step / np.maximum(longest, 1e-300))[:, None]
-    return Closed(q, left)
+    return Closed(q, residual)
 
 
 def all_equations(
@@ -81,26 +81,26 @@ def all_equations(
     share: FloatArray,
     part: Poses | None = None,
 ) -> Equations:
-    """Returns the seam's equations, and the part's where its pose is given.
+    """Assemble the seam's equations, and the part's if its pose is given.
 
     Args:
-        chain: the seam's.
+        chain: closed chain of the seam.
         position: joints [rad], shape (k, n).
-        share: of the seam, shape (k,).
-        part: rotations (k, 3, 3) and positions (k, 3) [m] of the part in the world, or None where it may be anywhere.
+        share: fractions of the seam, shape (k,).
+        part: rotations (k, 3, 3) and positions (k, 3) [m] of the part in the world, or None if it is free.
     """
     bodies = chain.bodies(position)
-    found = chain.equations(bodies, share)
-    return found if part is None else found.after(chain.part_equations(bodies, *part))
+    equations = chain.equations(bodies, share)
+    return equations if part is None else equations.after(chain.part_equations(bodies, *part))
 
 
-def least_norm(equations: Equations, weight: FloatArray, wish: FloatArray) -> FloatArray:
-    """Returns what has to be added to joint steps (k, n) for them to remove what is left, of least weighted norm."""
+def least_norm(equations: Equations, weight: FloatArray, pull: FloatArray) -> FloatArray:
+    """Compute corrections of joint steps (k, n) that remove the residuals, of least weighted norm."""
     J = equations.slope
     JW = J * weight
     gram = product(JW, np.swapaxes(J, -1, -2))
     damp = 1e-12 + CLOSING.damping * np.square(np.minimum(equations.size, 1.0))
     gram = gram + damp[:, None, None] * np.eye(gram.shape[-1])
-    right = equations.left - product(J, wish[..., None])[..., 0]
-    found: FloatArray = product(np.swapaxes(JW, -1, -2), solve(gram, right[..., None]))[..., 0]
-    return found
+    right = equations.residuals - product(J, pull[..., None])[..., 0]
+    correction: FloatArray = product(np.swapaxes(JW, -1, -2), solve(gram, right[..., None]))[..., 0]
+    return correction

@@ -1,4 +1,4 @@
-"""One step towards a faster seam: a sparse quadratic program in the joints at all nodes and the seam's time."""
+"""Sparse quadratic program of one step to a faster seam, in joints and time."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.programs import plain_piqp
 from dualarm_cli.kinds.seam.closed_chain.chain import KEPT
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
+from dualarm_cli.kinds.seam.closed_chain.posture_paths import POSTURE_PATHS
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.starts import part_poses
-from dualarm_cli.kinds.seam.closed_chain.ways import WAYS
 from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)
 class StepSettings:
-    """Numbers of one quadratic program."""
+    """Settings of one quadratic program."""
 
     smooth: float = 1e-4
-    """Weight of the joints' effort against time, both as shares: decides what time leaves open."""
+    """Weight of the joints' effort against time, both relative. It selects among equally fast motions."""
     stay: float = 1e-6
     """Weight of the step itself."""
     accuracy: float = 1e-6
     """Tolerances of the solver."""
     most_iterations: int = 60
-    """Iterations of the solver; what it has then is tried."""
+    """Maximum number of solver iterations. Its result is then used as it is."""
     lean_sides: int = 8
-    """Sides of the polygon that stands for the cone in which the tool's axis may lean."""
+    """Number of sides of the polygon that replaces the cone of tool tilts."""
     back: float = 100.0
-    """Weight of a radian beyond limits, as a share of the time."""
+    """Weight of a radian beyond limits [fraction of the time]."""
     away: float = 3.0
-    """Weight of the room at limits that joints use up, as a share, against their effort."""
+    """Weight of the used margin to limits, as a fraction, against effort."""
     least_time: float = 0.3
-    """Share of its time that a seam keeps in one step."""
+    """Least fraction of its time that a seam keeps in one step."""
 
 
 STEP = StepSettings()
@@ -46,29 +46,32 @@ STEP = StepSettings()
 
 @dataclass(frozen=True)
 class SeamProgram:
-    """The quadratic program of one seam with one choice of joints that stand."""
+    """Quadratic program of one seam with one choice of standing joints."""
 
     problem: SeamProblem
     """The seam."""
     stands: BoolArray
-    """Joints that are the same at all nodes, or play no part, shape (n,)."""
+    """Flags of joints that are constant over all nodes, or have no influence, shape (n,)."""
 
     @cached_property
     def decided(self) -> IntArray:
-        """The joints that are decided."""
+        """Columns of the joints that are optimised."""
         return np.flatnonzero(self.problem.chain.closes)
 
     @cached_property
     def column(self) -> IntArray:
-        """Which variable each node's joint is, shape (nodes, decided): joints that stand are one for all nodes."""
+        """Variable of each node's joint, shape (nodes, decided).
+
+        Standing joints have one variable for all nodes.
+        """
         standing = self.stands[self.decided]
-        shared, own = int(standing.sum()), int((~standing).sum())
-        found = np.empty((self.problem.nodes, len(self.decided)), dtype=np.int64)
-        found[:, standing] = np.arange(shared)
-        found[:, ~standing] = shared + np.arange(self.problem.nodes * own).reshape(
-            self.problem.nodes, own
+        shared, moving = int(standing.sum()), int((~standing).sum())
+        variables = np.empty((self.problem.nodes, len(self.decided)), dtype=np.int64)
+        variables[:, standing] = np.arange(shared)
+        variables[:, ~standing] = shared + np.arange(self.problem.nodes * moving).reshape(
+            self.problem.nodes, moving
         )
-        return found
+        return variables
 
     @cached_property
     def _spread(self) -> Any:
@@ -83,19 +86,22 @@ class SeamProgram:
 
     @cached_property
     def _rates(self) -> list[Any]:
-        """Matrices from the joints at all nodes to rates over their limits, by order."""
+        """Matrices from the nodes' joints to relative rates, by order."""
         from scipy.sparse import csr_matrix, diags, kron
 
-        limits, found = self.problem.limits, []
+        limits, matrices = self.problem.limits, []
         difference = np.eye(self.problem.nodes)
         for limit in (limits.velocity, limits.acceleration, limits.jerk):
             difference = np.diff(difference, axis=0) * (self.problem.nodes - 1)
-            own = np.where(np.isfinite(limit), limit, 1e12)[self.decided]
-            found.append(kron(csr_matrix(difference), diags(1.0 / own)).tocsr())
-        return found
+            bounds = np.where(np.isfinite(limit), limit, 1e12)[self.decided]
+            matrices.append(kron(csr_matrix(difference), diags(1.0 / bounds)).tocsr())
+        return matrices
 
     def _effort(self, time: float) -> Any:
-        """Matrix from the joints at all nodes to shares of their limits; squares add up to means over the nodes."""
+        """Assemble the matrix from the nodes' joints to relative rates.
+
+        Their squares add up to means over the nodes.
+        """
         from scipy.sparse import vstack
 
         return vstack([self._rates[0] / time, self._rates[1] / (time * time)]) / np.sqrt(
@@ -105,16 +111,16 @@ class SeamProgram:
     def step(
         self, position: FloatArray, time: float, radius: float, pace: float
     ) -> tuple[FloatArray, float] | None:
-        """Returns joints (nodes, n) and the seam's time as the linear model has them, or None where there are none.
+        """Solve for joints (nodes, n) and the seam's time; None if the program fails.
 
-        Rates are linear in the joints; what they may be grows with time, time² and time³, taken by their tangents,
-        which lie below.
+        Rates are linear in the joints; their bounds grow with time, time² and time³, which tangents replace from
+        below.
 
         Args:
             position: joints at the nodes, chain closed [rad], shape (nodes, n).
             time: steady time of the seam with them [s].
-            radius: how far joints may move [rad].
-            pace: what a second of time weighs; 0 to make the motion smooth at the same time.
+            radius: trust-region radius of the joints [rad].
+            pace: weight of a second of time; 0 for the smoothest motion of the same time.
         """
         from scipy.sparse import block_diag, csr_matrix, diags, hstack, identity
 
@@ -132,9 +138,9 @@ class SeamProgram:
         quadratic = weight * (smooth.T @ smooth) + STEP.stay * identity(count)
         pull = weight * (smooth.T @ (effort @ y))
         if pace == 0.0:
-            crowded, away = self._crowded(y)
+            crowded, slope = self._crowded(y)
             quadratic = quadratic + diags(crowded)
-            pull = pull - away
+            pull = pull - slope
         P = block_diag([quadratic, 1e-9 * identity(2)]).tocsc()
         c = np.append(pull, [pace, STEP.back * time])
         low, top = self._bounds(y, radius)
@@ -191,34 +197,34 @@ class SeamProgram:
         return G, np.append(high, -short), float(short.max(initial=0.0))
 
     def _equations(self, position: FloatArray) -> tuple[Any, FloatArray]:
-        """Returns the chain's equations, linear in the joints at all nodes."""
+        """Linearise the chain's equations in the nodes' joints."""
         from scipy.sparse import block_diag
 
         problem = self.problem
         chain, share = problem.chain, problem.shares
         seam = chain.equations(chain.bodies(position), share).exact
         blocks = list(seam.slope[:, :, self.decided])
-        left = list(seam.left)
+        residuals = list(seam.residuals)
         poses = part_poses(problem, share)
         if poses is not None:
             part = all_equations(chain, position, share, part=poses)
-            # A part that stands is where it should be at every node if it is at one.
+            # A standing part has its pose at every node if it has it at one.
             nodes = 1 if chain.work.hold.stands else problem.nodes
             for k in range(nodes):
                 blocks[k] = np.concatenate([part.slope[k, :6][:, self.decided], blocks[k]])
-                left[k] = np.concatenate([part.left[k, :6], left[k]])
-        return block_diag(blocks).tocsr(), -np.concatenate(left)
+                residuals[k] = np.concatenate([part.residuals[k, :6], residuals[k]])
+        return block_diag(blocks).tocsr(), -np.concatenate(residuals)
 
     def _freedoms(self, position: FloatArray) -> list[tuple[Any, FloatArray]]:
-        """Returns what may not be exceeded: lean of the tool's axis, lean of the surface from facing upwards.
+        """Linearise the inequalities on tilts of the tool's axis and of the surface.
 
-        What leans farther already, within the cone but beyond the polygon, may stay: a step must be possible.
+        Tilts within the cone but beyond the polygon may stay: a step must be possible.
         """
         from scipy.sparse import block_diag
 
         problem = self.problem
         chain, work, share = problem.chain, problem.chain.work, problem.shares
-        found = []
+        constraints = []
         bodies = chain.bodies(position)
         if work.tool.tilt > 0.0:
             r, J = chain.offsets(bodies, share)
@@ -228,20 +234,20 @@ class SeamProgram:
             bound = KEPT * work.tool.tilt * cos(np.pi / STEP.lean_sides) - product(
                 r[:, 3:5], sides.T
             )
-            found.append((block_diag(list(slope)).tocsr(), np.maximum(bound, 0.0).ravel()))
+            constraints.append((block_diag(list(slope)).tocsr(), np.maximum(bound, 0.0).ravel()))
         if work.downhand is not None:
             upward, J = chain.upward(bodies, share)
             slope = -J[:, None, self.decided]
-            found.append(
+            constraints.append(
                 (
                     block_diag(list(slope)).tocsr(),
                     np.maximum(upward - cos(KEPT * work.downhand), 0.0),
                 )
             )
-        return found
+        return constraints
 
     def unease(self, position: FloatArray, time: float) -> float:
-        """Returns what a motion costs where its time is kept: effort, and joints near their limits.
+        """Compute the cost of a motion of given time: effort, and use of the margin to limits.
 
         Args:
             position: joints at the nodes [rad], shape (nodes, n).
@@ -256,24 +262,27 @@ class SeamProgram:
 
     @cached_property
     def _room(self) -> FloatArray:
-        """The room at each limit that is better left free, of all nodes' joints [rad]."""
+        """Preferred margin to each limit, for all nodes' joints [rad]."""
         low, high = (
             np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
         )
-        found: FloatArray = WAYS.room * (high - low)
-        return found
+        margins: FloatArray = POSTURE_PATHS.room * (high - low)
+        return margins
 
     def _near(self, y: FloatArray) -> FloatArray:
-        """Returns what share of that room joints at all nodes use up, positive at the lower limit."""
+        """Compute the used fraction of that margin for all nodes' joints.
+
+        It is positive at the lower limit.
+        """
         low, high = (
             np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
         )
         room = self._room
-        found: FloatArray = np.maximum(low + room - y, 0.0) - np.maximum(y - high + room, 0.0)
-        return found / room
+        used: FloatArray = np.maximum(low + room - y, 0.0) - np.maximum(y - high + room, 0.0)
+        return used / room
 
     def _crowded(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns curvature and slope, by variable, of what joints near their limits cost."""
+        """Compute curvature and slope of the cost of used margins, by variable."""
         near, room = self._near(y), self._room
         column, count = self.column.ravel(), self._spread.shape[1]
         crowded, away = np.zeros(count), np.zeros(count)
@@ -282,7 +291,7 @@ class SeamProgram:
         return crowded, away
 
     def _back_inside(self, y: FloatArray) -> tuple[Any, FloatArray]:
-        """Returns rows that bring variables back inside their bounds, and how far each is beyond [rad]."""
+        """Assemble rows that bring variables back inside their bounds, and their excesses [rad]."""
         from scipy.sparse import csr_matrix
 
         lower, upper = (
@@ -296,7 +305,7 @@ class SeamProgram:
         return csr_matrix((sign, (np.arange(len(which)), column)), shape=shape), short[which]
 
     def _bounds(self, y: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
-        """Returns least and greatest steps of the variables [rad]."""
+        """Compute least and greatest steps of the variables [rad]."""
         lower, upper = (
             np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
         )
