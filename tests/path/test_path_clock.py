@@ -80,12 +80,12 @@ def test_half_the_pace_takes_twice_as_long_and_is_the_same_film(name):
 
 def test_gentle_ramps_take_as_many_times_as_long():
     """Twice: 0.6 s instead of 0.3 s; what the file gives stays, so that its path is as before."""
-    assert PathClock.of(LONG, gentle=2.0).duration == pytest.approx(5.6, abs=1e-12)
+    assert PathClock.of(LONG, ramp_stretch=2.0).duration == pytest.approx(5.6, abs=1e-12)
     given = JOBS["given"]
-    assert PathClock.of(given, gentle=2.0).duration == PathClock.of(given).duration
+    assert PathClock.of(given, ramp_stretch=2.0).duration == PathClock.of(given).duration
     # 0.25 m/s² given, its jerk reached in 0.2 s: 5 + 0.4 + 0.2 s.
     half_given = work((0, 0), (0.5, 0), acceleration=0.25)
-    assert PathClock.of(half_given, gentle=2.0).duration == pytest.approx(5.6, abs=1e-12)
+    assert PathClock.of(half_given, ramp_stretch=2.0).duration == pytest.approx(5.6, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", JOBS)
