@@ -338,7 +338,7 @@ def test_curves_that_are_none(
         (COLUMNS, ["seam.csv: E300 a path needs two poses or more"]),
         (COLUMNS + "0,0,0,0,0,0,1\n" * 3, ["seam.csv:3:1: E300 the same pose as the one before; remove it", "seam.csv:4:1: E300 the same pose as the one before; remove it"]),
         (COLUMNS + "nan,0,0,0,0,0,1\n0,1e300,0,0,0,0,1\n0,0,0,0,0,0,0\n", ["seam.csv:2:1: E300 x: 'nan' is outside the range of -1000 to 1000", "seam.csv:3:1: E300 y: '1e300' is outside the range of -1000 to 1000", "seam.csv:4:1: E300 a quaternion must have length 1, not 0; divide by its length"]),
-        (COLUMNS + "0,0,0,0,0,0,1\n0.1,0,0,0,0,0,1\n0.1,0,0,0,0,1,0\n", ["tasks.yaml:9:34: E300 its poses 2 and 3 stand at one place; a curve only turns along its way"]),
+        (COLUMNS + "0,0,0,0,0,0,1\n0.1,0,0,0,0,0,1\n0.1,0,0,0,0,1,0\n", ["tasks.yaml:9:34: E300 its poses 2 and 3 are at one place; a curve turns only while it advances"]),
         (COLUMNS + "0,0,0,0,0,0,1\n0.1,0,0,0,0,0,1\n0,0,0,0,0,0,1\n", ["tasks.yaml:9:34: E300 the curve turns by 180 deg at once near (0.1, 0, 0), where the tool would have to stop; round it, or end the curve there and begin another task"]),
         (COLUMNS + "0,0,0,0,0,0,1\n2e-6,0,0,0,0,0,1\n", ["tasks.yaml:9:34: E300 the curve is 0.002 mm long; make it longer"]),
     ],

@@ -47,7 +47,7 @@ def test_the_joint_and_the_place_are_told_before_anything_is_followed(
     def follow(*_):
         raise AssertionError("followed, and made slower, for nothing")
 
-    monkeypatch.setattr(motion._Trials, "once", follow)
+    monkeypatch.setattr(motion._Trials, "attempt", follow)
     with pytest.raises(InfeasibleError) as caught:
         plan_without_bound(load_job(turning(tmp_path, general_robots, 500)), QUICK)
     said = str(caught.value)
