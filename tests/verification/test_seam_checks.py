@@ -14,7 +14,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.seam.checks import (
     CRITERIA,
     MeasuredSeam,
-    _part_off,
+    _part_errors,
     _rotation_errors,
     _speed_deviation,
     check_seams,
@@ -673,7 +673,7 @@ def test_a_part_is_off_by_its_place_or_by_its_turn():
     found = SimpleNamespace(R_part=turns, p_part=places, length=np.zeros(3))
     for hold in (Hold(pose=pin.SE3.Identity()), Hold(still=True)):
         work = SimpleNamespace(hold=hold, length=1.0)
-        assert _part_off(found, work) == pytest.approx([0.0, 0.2, 0.3], abs=1e-12)
+        assert _part_errors(found, work) == pytest.approx([0.0, 0.2, 0.3], abs=1e-12)
 
 
 def test_the_way_to_a_seam_takes_the_time_that_is_asked_for(entry):
