@@ -127,19 +127,13 @@ class Stop:
     buffer: str = ""
     """Name of the buffer that the part enters or leaves; empty for none."""
     belt: OnBelt | None = None
-    """Conveyor that carries the target; None if it stands still.
-
-    Approach, dwell and retract are in the belt's frame.
-    """
+    """Conveyor that carries the target with its lines and dwell; None if the target stands still."""
     signal: str = ""
     """Signal that is set when the tool grips or releases; empty for none."""
     straight: float = math.inf
     """Straight part of approach and retract that blending keeps, from the target [m]."""
     blend: float = 0.0
-    """Largest distance of the tool from the target when it passes in motion [m].
-
-    0 makes it stop.
-    """
+    """Largest distance of the tool from the target when it passes in motion [m]; 0 for a stop."""
 
     @property
     def moves(self) -> bool:
@@ -154,10 +148,7 @@ class Stop:
 
     @property
     def window(self) -> tuple[float, float]:
-        """Earliest and latest time at which the target can be reached [s].
-
-        Any time if the target stands still.
-        """
+        """Earliest and latest time at which the target can be reached [s]; any if it stands still."""
         return (0.0, math.inf) if self.belt is None else (self.belt.passes, self.belt.last)
 
     def straight_part(self) -> Stop:
@@ -226,10 +217,7 @@ ANY = "any"
 
 @dataclass(frozen=True)
 class Task:
-    """Work of one arm: pick and place, move, or its part of joint work.
-
-    Joint work of both arms is a path, a seam or a hand-over.
-    """
+    """Work of one arm: pick and place, a move, or its part of a path, seam or hand-over."""
 
     id: str
     """Unique name; both arms' parts of joint work have the same one."""
@@ -246,10 +234,7 @@ class Task:
     seam: SeamWork | None = None
     """Seam to work, shared by both arms; its two stops are start and end."""
     handover: Handover | None = None
-    """Hand-over, shared by both arms.
-
-    The giver's stops are pick and give, the taker's take and place.
-    """
+    """Hand-over, shared by both arms: the giver has pick and give, the taker take and place."""
     not_before: float = 0.0
     """Earliest time at the first target [s]."""
     not_after: float = math.inf

@@ -137,9 +137,8 @@ class ClearanceProof:
         if not len(self._required):
             return intervals
         times = self._instants(edges)
-        stretch = np.clip(
-            np.searchsorted(edges, times[:-1], side="right") - 1, 0, len(intervals) - 1
-        )
+        stretch = np.searchsorted(edges, times[:-1], side="right") - 1
+        stretch = np.clip(stretch, 0, len(intervals) - 1)
         low, high, pair = self._first_intervals(times)
         # All pairs share their first intervals, and the speeds in them.
         rates = product(self._fastest(times[:-1], times[1:]), self._levers.T)
@@ -152,10 +151,8 @@ class ClearanceProof:
             bound -= rates[low, pair] * (times[high] - times[low])
             near = 0.5 * bound < other_margins[stretch[low]]
             low, high, pair = low[near], high[near], pair[near]
-            at_low, at_high = (
-                self._margins_at(times[low], pair),
-                self._margins_at(times[high], pair),
-            )
+            at_low = self._margins_at(times[low], pair)
+            at_high = self._margins_at(times[high], pair)
         begin, end, interval = times[low], times[high], stretch[low]
         proven = np.full(len(intervals), np.inf)
         met = np.full(len(intervals), np.inf)
@@ -163,9 +160,8 @@ class ClearanceProof:
         _lower(met, met_at, interval, at_low, pair, begin)
         _lower(met, met_at, interval, at_high, pair, end)
         rate = rates[low, pair]
-        allowance = PROOF.max_halved + PROOF.halved_per_knot * len(self._trajectory.time) * len(
-            self._required
-        )
+        knots = len(self._trajectory.time)
+        allowance = PROOF.max_halved + PROOF.halved_per_knot * knots * len(self._required)
         while len(pair):
             bound = 0.5 * (at_low + at_high - rate * (end - begin))
             bound = np.where(rate == 0.0, np.minimum(at_low, at_high), bound)
@@ -175,12 +171,8 @@ class ClearanceProof:
                 raise UnprovenError
             np.minimum.at(proven, interval[settled], bound[settled])
             unsettled = ~settled
-            begin, end, pair, interval = (
-                begin[unsettled],
-                end[unsettled],
-                pair[unsettled],
-                interval[unsettled],
-            )
+            begin, end = begin[unsettled], end[unsettled]
+            pair, interval = pair[unsettled], interval[unsettled]
             at_low, at_high = at_low[unsettled], at_high[unsettled]
             middle = 0.5 * (begin + end)
             between = self._margins_at(middle, pair)

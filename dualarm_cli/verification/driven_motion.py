@@ -161,9 +161,7 @@ def judge_driven(
     plan = schedule.trajectory.select(logged.joints)
     groups = _groups(schedule.robot, logged.joints)
     delays = _estimate_delays(plan, motion)
-    group_delays = {
-        group: _median([delays[k] for k in columns]) for group, columns in groups.items()
-    }
+    group_delays = {g: _median([delays[k] for k in columns]) for g, columns in groups.items()}
     joints = _track_joints(plan, motion, groups, group_delays, delays, schedule.robot.sliding)
     common = _common_delay([delay for delay in group_delays.values() if delay is not None])
     driven = _driven_trajectory(schedule, logged.joints, motion, common)
@@ -190,10 +188,8 @@ def judge_driven(
     if stages:
         # Required clearance is an allowance for such errors: what remains is shown, and only contact fails.
         worst = min(stages, key=lambda s: s.clearance - min(s.required, 0.0))
-        penetration = min(worst.required, 0.0) - worst.clearance
-        collisions = judge(
-            COLLISIONS, max(penetration, 0.0), TOL.clearance_slack, collisions.detail
-        )
+        depth = max(min(worst.required, 0.0) - worst.clearance, 0.0)
+        collisions = judge(COLLISIONS, depth, TOL.clearance_slack, collisions.detail)
     return DrivenJudgement(Verification((*checks, collisions), stages), common, joints, events)
 
 
@@ -217,14 +213,12 @@ def _estimate_delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[floa
     count = int(np.clip(len(motion.time), 4 * DRIVEN.order, DRIVEN.max_samples))
     times = np.linspace(motion.time[0], motion.time[-1], count)
     driven = motion.derivatives(times)[:, 0]
-    subset = distinct(np.linspace(0, count - 1, DRIVEN.grid_samples).astype(int))
+    part = distinct(np.linspace(0, count - 1, DRIVEN.grid_samples).astype(int))
     steps = round(DRIVEN.max_delay / DRIVEN.delay_step)
     grid = np.arange(-steps, steps + 1) * DRIVEN.delay_step
-    variances = np.array(
-        [np.var(driven[subset] - plan.at(times[subset] - d)[0], axis=0) for d in grid]
-    )
+    spread = np.array([np.var(driven[part] - plan.at(times[part] - d)[0], axis=0) for d in grid])
     moves = np.ptp(plan.at(times)[0], axis=0) >= DRIVEN.min_motion
-    best = grid[np.argmin(variances, axis=0)]
+    best = grid[np.argmin(spread, axis=0)]
     return [
         _fit_delay(plan.select([joint]), times, driven[:, k], float(best[k])) if moves[k] else None
         for k, joint in enumerate(plan.joints)
@@ -244,13 +238,12 @@ def _fit_delay(plan: Trajectory, times: FloatArray, driven: FloatArray, first: f
 
     if np.abs(_residual(plan, times, driven, first)).max() < TOL.same_joints:
         return first
-    grid = first + np.arange(
-        -DRIVEN.fit_half_width, DRIVEN.fit_half_width + DRIVEN.fine_step, DRIVEN.fine_step
-    )
-    squares = [_unexplained_squares(plan, times, driven, d) for d in grid]
+    half, step = DRIVEN.fit_half_width, DRIVEN.fine_step
+    grid = first + np.arange(-half, half + step, step)
+    squares = [_unexplained(plan, times, driven, d) for d in grid]
     middle = float(grid[int(np.argmin(squares))])
     bounds = (middle - DRIVEN.fine_step, middle + DRIVEN.fine_step)
-    best = minimize_scalar(lambda d: _unexplained_squares(plan, times, driven, d), bounds=bounds)
+    best = minimize_scalar(lambda d: _unexplained(plan, times, driven, d), bounds=bounds)
     initial = delay = float(best.x)
     for _ in range(DRIVEN.max_steps):
         residual = _residual(plan, times, driven, delay)
@@ -261,9 +254,8 @@ def _fit_delay(plan: Trajectory, times: FloatArray, driven: FloatArray, first: f
         slope = velocity - velocity.mean()
         slope = slope[DRIVEN.order :] - product(_windows(slope), weights)
         # A delay d is an error of -d v.
-        change = -float(
-            product(slope, residual[DRIVEN.order :] - product(windows, weights))
-        ) / float(product(slope, slope))
+        innovations = residual[DRIVEN.order :] - product(windows, weights)
+        change = -float(product(slope, innovations)) / float(product(slope, slope))
         delay += change
         if abs(delay - initial) > DRIVEN.fine_step:
             return initial
@@ -278,9 +270,7 @@ def _residual(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: fl
     return np.asarray(error - error.mean())
 
 
-def _unexplained_squares(
-    plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float
-) -> float:
+def _unexplained(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float) -> float:
     """Compute the squared residual that an autoregression leaves."""
     residual = _residual(plan, times, driven, delay)
     weights, windows = _autoregression(residual)
@@ -326,9 +316,8 @@ def _track_joints(
     sliding: frozenset[str],
 ) -> tuple[JointTracking, ...]:
     """Measure the tracking of each joint, at the samples and between them."""
-    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * np.array(
-        DRIVEN.error_fractions
-    )
+    fractions = np.array(DRIVEN.error_fractions)
+    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * fractions
     times = np.append(inner.ravel(), motion.time[-1])
     driven = motion.derivatives(times)[:, 0]
     as_logged = np.abs(driven - plan.at(times)[0]).max(axis=0)

@@ -179,7 +179,7 @@ def test_an_order_of_the_file_that_is_far_slower_is_not_planned(made):
 )
 def test_it_is_left_out_where_the_plan_is_as_quick_as_the_search_said(duration, filed, left_out):
     """The best order takes 10 s as the search times it, with all stops: what blending gains does not count."""
-    watch = Watch(best=10.0, filed=filed)
+    watch = Watch(best=10.0, file_order_best=filed)
     for plan in (
         SimpleNamespace(duration=duration, blend_gain=None),
         SimpleNamespace(duration=duration - 2.0, blend_gain=2.0),

@@ -368,9 +368,8 @@ class _Trials:
         if isinstance(motion, NoPath):
             along = float(problem.share[motion.instant])
             remedy: Remedy = "slower" if motion.excess > 1.0 else "other"
-            refused = _refused(
-                self.work, motion.reason, motion.instant * problem.step, along, remedy
-            )
+            time = motion.instant * problem.step
+            refused = _refused(self.work, motion.reason, time, along, remedy)
             return _Trial(None, replace(refused, excess=motion.excess), motion.excess, share=share)
         error = target_error(problem, motion)
         rounded = PATH.rounded if any(path.junctions for path in self.work.paths.values()) else 0.0
@@ -384,6 +383,7 @@ class _Trials:
             reason = Refusal("path_left", measured=error, allowed=self.work.tolerance, more=details)
             return _Trial(None, Refused(reason, 1.0, "tolerance"))
         joined: list[Joined] = []
+        allowed = min(FOLLOW.tolerated * self.work.tolerance, FOLLOW.stray)
         for window in FOLLOW.smoothed:
             if len(joined) > len(PATH.per_knot) and _smoothing_is_useless(joined):
                 break
@@ -400,9 +400,7 @@ class _Trials:
                 joined.append(curve)
                 if curve.worst > 1.0:
                     continue
-                if path_deviation(problem, motion, curve.trajectory) <= min(
-                    FOLLOW.tolerated * self.work.tolerance, FOLLOW.stray
-                ):
+                if path_deviation(problem, motion, curve.trajectory) <= allowed:
                     return _Trial(curve.trajectory, None, share=share)
         curve = min(joined, key=lambda joint_curve: joint_curve.worst)
         if curve.worst <= 1.0:
@@ -410,9 +408,8 @@ class _Trials:
             if finer < FOLLOW.finest:
                 return self._with_share(clock, smoothing_limit, share, 2 * finer)
             return _Trial(None, Refused(Refusal("path_not_joined"), 1.0))
-        along = float(
-            np.interp(curve.when, instants(problem.instants, problem.step), problem.share)
-        )
+        times = instants(problem.instants, problem.step)
+        along = float(np.interp(curve.when, times, problem.share))
         posture = motion.position[min(problem.instants - 1, round(curve.when / problem.step))]
         also = [*_near_junction(self.work, along), *singular_there(problem, posture)]
         cause = Refusal("path_exceeds", more={"cause": curve.reason, "also": also})
@@ -420,14 +417,8 @@ class _Trials:
         refused = _refused(self.work, cause, curve.when, along, remedy)
         refused = replace(refused, excess=curve.worst)
         excess = curve.worst if curve.slower_helps else 0.0
-        return _Trial(
-            None,
-            refused,
-            excess,
-            curve,
-            share,
-            motion.keeps_rates and excess <= FOLLOW.smoothing_limit,
-        )
+        smoothable = motion.keeps_rates and excess <= FOLLOW.smoothing_limit
+        return _Trial(None, refused, excess, curve, share, smoothable)
 
 
 def _smoothing_is_useless(joined: list[Joined]) -> bool:
