@@ -1,4 +1,4 @@
-"""The calibration family: where one robot stands from another, from points that both have touched."""
+"""Calibration solvers: the transform between two robots' bases from points both have touched."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class LengthScaling:
-    """Rules that fit an effort to the number of stages or stops."""
+    """Rules that scale an effort to the number of stages or stops."""
 
     long: int = 24
     """Stages above which a sequence is long: fewer nodes, fewer polished plans."""
@@ -291,8 +291,8 @@ class SequenceSettings:
     alike: float = 0.08
     """Relative excess of a simpler method's estimate below which its plan is timed exactly.
 
-    Estimates of lines are a few percent off, and a third of a cycle is lines. In longer sequences what is wrong with
-    single lines evens out.
+    Estimates of lines are a few percent off, and a third of a cycle is lines. In longer sequences the errors of single
+    lines average out.
     """
     refined: float = 0.08
     """Relative excess of a simpler method's plan below which it is refined.

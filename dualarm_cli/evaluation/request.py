@@ -1,8 +1,7 @@
-"""Request: a job and what it is to be planned by; plain data that goes to other processes and machines.
+"""Request to evaluate a job: plain data for other processes and machines.
 
-Class of the processor and C library, which may decide a plan's last digits.
-
-Ruckig, pinocchio and the solvers take sines and roots from the C library, which has variants for processors.
+It also names the processor class and C library: Ruckig, pinocchio and the solvers take sines and roots from the C
+library, whose variants per processor may change a plan's last digits.
 """
 
 from __future__ import annotations
@@ -19,32 +18,32 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Request:
-    """One evaluation that is asked for."""
+    """Request to evaluate a job."""
 
     case: str
-    """The task file as the user names it: all messages name files from there."""
+    """Task file as given by the user; messages name files relative to it."""
     path: str
-    """The task file's absolute path."""
+    """Absolute path of the task file."""
     platform: str | None = None
-    """Method that a person asked for; None for the one that serves the robot."""
+    """Requested planning method; None for the robot's default."""
     redundancy: str | None = None
-    """Solver that a person asked for, as `plan --redundancy` names it."""
+    """Requested redundancy solver, in the form of `plan --redundancy`."""
     timing: str = "ruckig"
     """Timing solver."""
     blend: str = "lines"
-    """Where tools do not stop: lines or none."""
+    """Blending of corners: lines or none."""
     effort: str = "normal"
-    """quick, normal or thorough."""
+    """Planning effort: quick, normal or thorough."""
     seed: int = 0
     """Seed of all randomness."""
     overrides: Mapping[str, Any] = field(default_factory=dict)
-    """Values in place of those in the files, by `tasks:`, `cell:` or `robot:` and a JSON pointer: JSON-ready."""
+    """JSON-ready replacements of file values, by `tasks:`, `cell:` or `robot:` and JSON pointer."""
     page: bool = False
-    """Whether the data of the plan's page are asked for as well."""
+    """Flag to include the data of the plan's page."""
 
     @classmethod
     def of(cls, tasks: str | Path, **chosen: Any) -> Request:
-        """Returns a request for a task file.
+        """Build a request for a task file.
 
         Args:
             tasks: the file, from the working directory.
@@ -54,34 +53,34 @@ class Request:
 
     @property
     def folder(self) -> str:
-        """The folder of the task file."""
+        """Folder of the task file."""
         return os.path.dirname(self.path)  # noqa: PTH120
 
     @property
     def file(self) -> str:
-        """The name of the task file in its folder."""
+        """Name of the task file in its folder."""
         return os.path.basename(self.path)  # noqa: PTH119
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What it is planned by, without what is planned."""
+        """Planning settings, without the job."""
         return {
             name: getattr(self, name)
             for name in ("platform", "redundancy", "timing", "blend", "effort", "seed")
         }
 
     def as_document(self) -> dict[str, Any]:
-        """Returns it as JSON-ready data."""
+        """Convert to JSON-ready data."""
         return asdict(self)
 
     @classmethod
     def of_document(cls, document: Mapping[str, Any]) -> Request:
-        """Returns the request that `as_document` wrote down."""
+        """Restore a request from `as_document`."""
         return cls(**{entry.name: document[entry.name] for entry in fields(cls)})
 
 
 def case_name(tasks: str | Path) -> str:
-    """Returns what a task file is called: from the working directory where it is below it, with forward slashes."""
+    """Name a task file: relative to the working directory if inside it, with forward slashes."""
     path = os.path.normpath(tasks)
     if os.path.isabs(path):  # noqa: PTH117
         inside = os.path.relpath(path)
@@ -90,11 +89,11 @@ def case_name(tasks: str | Path) -> str:
 
 
 LEVELS = (("x86-64-v4", "avx512f"), ("x86-64-v3", "fma"))
-"""Classes of x86-64 processors, each with a flag that lower ones lack."""
+"""Classes of x86-64 processors, each with a flag that lower classes lack."""
 
 
 def machine() -> str:
-    """Return the processor's class and the C library, as in "x86-64-v3, glibc 2.36"."""
+    """Describe the processor class and C library, as in "x86-64-v3, glibc 2.36"."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""A process that evaluates one request after the other: a line of JSON in, a line of JSON out."""
+"""Worker process: evaluate one request after another, in lines of JSON."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _PARENT_DEATH_SIGNAL = 1
 
 
 def main(answers: int, parent: int) -> None:
-    """Answers requests from stdin until it ends.
+    """Answer requests from stdin until it ends.
 
     Args:
         answers: file descriptor that answers are written to: stdout is for libraries that print.
         parent: id of the process that has started this one and that it must not outlive.
     """
-    # Ctrl-C is for whoever started this process, who then ends it.
+    # Ctrl-C is left to the parent process, which ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)

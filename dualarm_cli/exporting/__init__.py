@@ -1,1 +1,1 @@
-"""Schedules to files and back."""
+"""Schedule files: writing, reading, and the cell as URDF."""

@@ -1,4 +1,4 @@
-"""Written files: a schedule's set, a calibrated base, and a curve as CSV.
+"""Output files: a schedule's set, a calibrated base, and a curve as CSV.
 
 A schedule's files are written as one set. The base is the transform of a calibration that a
 cell file can name as `base`; the CSV has a curve's points and frames.
@@ -26,7 +26,7 @@ SAMPLES, EVENTS, TARGETS = "schedule.csv", "events.csv", "targets.csv"
 
 
 def check_writable(folder: Path, force: bool, option: str = "--out") -> None:
-    """Refuses early where `write_schedule_set` could not write in the end.
+    """Raise OutputError before planning if `write_schedule_set` would fail.
 
     Args:
         folder: where to.
@@ -52,7 +52,7 @@ def check_writable(folder: Path, force: bool, option: str = "--out") -> None:
 def write_schedule_set(
     folder: Path, schedule: Schedule, others: Mapping[str, Iterable[bytes]], force: bool
 ) -> None:
-    """Writes a schedule with its URDF and other files; schedule.json comes last.
+    """Write a schedule with its URDF and other files; schedule.json comes last.
 
     schedule.json carries the SHA-256 of the others, so that a set torn apart is noticed.
 
@@ -69,7 +69,7 @@ def write_schedule_set(
     given = {URDF: [schedule.robot.urdf.encode()], **others}
     if not force:
         _refuse_existing(folder, given)
-    # Known once the files are written, which is before schedule.json asks for them.
+    # Filled while the files are written; schedule.json, the last file, reads the hashes.
     hashes = dict.fromkeys(sorted(given), "")
     files = {name: _hashed(name, content, hashes) for name, content in given.items()}
     files[SCHEDULE] = to_json(schedule, URDF, hashes)
@@ -77,7 +77,7 @@ def write_schedule_set(
 
 
 def _hashed(name: str, content: Iterable[bytes], hashes: dict[str, str]) -> Iterator[bytes]:
-    """Yields a file's parts, and puts its SHA-256 down after the last one."""
+    """Yield a file's parts, and store its SHA-256 after the last one."""
     digest = hashlib.sha256()
     for part in content:
         digest.update(part)
@@ -86,7 +86,7 @@ def _hashed(name: str, content: Iterable[bytes], hashes: dict[str, str]) -> Iter
 
 
 def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
-    """Raises OutputError where a folder has one of the files: it may be somebody's own."""
+    """Raise OutputError if a folder already holds one of the files."""
     for name in names:
         if place_in(folder, name).exists():
             what = "a schedule" if name == SCHEDULE else f"a file {name}"

@@ -1,4 +1,4 @@
-"""`schedule.json`: the schedule, lossless, in the order a person reads it."""
+"""Writer of `schedule.json`: the schedule without loss, in readable order."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from dualarm_cli.records import field_values
 
 FORMAT = "dualarm.schedule/2"
 BLOCK = 4096
-"""Knots that are written at a time."""
+"""Number of knots written at once."""
 
 
 def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> Iterator[bytes]:
-    """Yields the schedule as JSON, part by part: the same bytes for the same schedule.
+    """Encode a schedule as JSON, part by part; equal schedules give equal bytes.
 
     Args:
         schedule: what to write.
-        urdf: name of the URDF file beside it.
+        urdf: name of the URDF file in the same folder.
         files: SHA-256 of the other files of the set, by name; read when all of the motion is written.
     """
     head: dict[str, Any] = {
@@ -77,7 +77,7 @@ def _member(key: str, value: Any) -> str:
 
 
 def _rows(key: str, rows: Iterable[dict[str, Any]]) -> Iterator[bytes]:
-    """Yields a member that is a list, one entry per line."""
+    """Yield a member that is a list, one entry per line."""
     begin, between, end = f",\n {json.dumps(key)}: [", "\n  ", "]"
     yield _encoded(begin)
     for row in rows:
@@ -87,7 +87,7 @@ def _rows(key: str, rows: Iterable[dict[str, Any]]) -> Iterator[bytes]:
 
 
 def _group_tables(group: Trajectory) -> dict[str, FloatArray | IntArray]:
-    """Returns the motion of a group: its knots, and positions and velocities where these do not follow."""
+    """Collect a group's knots, and positions and velocities at its anchors."""
     anchor = anchors(group)
     return {
         "time": group.time,
@@ -99,7 +99,7 @@ def _group_tables(group: Trajectory) -> dict[str, FloatArray | IntArray]:
 
 
 def _tables(tables: Mapping[str, FloatArray | IntArray]) -> Iterator[bytes]:
-    """Yields an object of tables, in blocks: as Python numbers they take several times the memory."""
+    """Yield an object of tables in blocks, which limits the memory."""
     before = "{"
     for name, table in tables.items():
         yield _encoded(f"{before}{json.dumps(name)}: [")
@@ -111,7 +111,7 @@ def _tables(tables: Mapping[str, FloatArray | IntArray]) -> Iterator[bytes]:
 
 
 def event_row(event: Event) -> dict[str, Any]:
-    """Returns an event as the file has it."""
+    """Convert an event to its row in the file."""
     return {
         "time": event.time,
         "arm": event.arm,
@@ -144,7 +144,7 @@ def _robot(schedule: Schedule, urdf: str) -> dict[str, Any]:
 
 
 def _limits(limits: JointLimits) -> dict[str, Any]:
-    """Returns the limits by joint; null where nothing is demanded."""
+    """Collect the limits by joint; null for an infinite limit."""
 
     def number(values: FloatArray, k: int) -> float | None:
         return float(values[k]) if math.isfinite(values[k]) else None
@@ -163,7 +163,7 @@ def _limits(limits: JointLimits) -> dict[str, Any]:
 
 
 def _pose(pose: pin.SE3) -> dict[str, list[float]]:
-    """Returns xyz [m] and the quaternion x, y, z, w with w not negative."""
+    """Encode a pose: xyz [m], and quaternion x, y, z, w with w ≥ 0."""
     quaternion = pin.Quaternion(pose.rotation).coeffs()
     if quaternion[3] < 0:
         quaternion = -quaternion
@@ -174,12 +174,12 @@ def _pose(pose: pin.SE3) -> dict[str, list[float]]:
 
 
 def stage_row(stage: Stage) -> dict[str, Any]:
-    """Returns a stage as the file has it."""
+    """Convert a stage to its row in the file."""
     return field_values(stage) | {"tasks": list(stage.tasks)}
 
 
 def segment_row(segment: Segment) -> dict[str, Any]:
-    """Returns a segment as the file has it."""
+    """Convert a segment to its row in the file."""
     row = field_values(segment)
     if segment.dwell is None:
         del row["dwell"]

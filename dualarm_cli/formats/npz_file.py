@@ -1,4 +1,4 @@
-"""Samples and events as arrays of NumPy."""
+"""Export of samples and events as NumPy arrays."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dualarm_cli.formats.request import ExportRequest
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Returns one file whose arrays np.load reads without pickle; [s], [rad] or [m]."""
+    """Build one file that np.load reads without pickle; units [s], [rad] or [m]."""
     samples, events = request.samples(), request.schedule.events
     arrays: dict[str, Any] = {
         "joints": np.array(samples.joints),

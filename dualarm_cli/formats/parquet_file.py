@@ -1,4 +1,4 @@
-"""Samples as a table of Apache Parquet, and events as a second one."""
+"""Export of samples and events as Apache Parquet tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TABLE, EVENTS = "schedule.parquet", "events.parquet"
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Returns two tables; each column's metadata names its unit.
+    """Build both tables; each column's metadata names its unit.
 
     Raises:
         MissingDependencyError: pyarrow is not installed.
@@ -48,7 +48,7 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
 
 
 def _table(columns: Mapping[str, tuple[Any, Any, str]], robot: str) -> bytes:
-    """Returns a table, by columns with their type, values and unit."""
+    """Encode a table, given its columns with type, values and unit."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

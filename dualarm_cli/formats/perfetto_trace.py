@@ -1,4 +1,4 @@
-"""The Gantt chart as a trace for Perfetto: Chrome's trace event format, which ui.perfetto.dev opens."""
+"""Export of the Gantt chart in Chrome's trace event format, for ui.perfetto.dev."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STAGES = "stages"
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Returns one file: a track of the stages, and one of each arm with its segments and events; times in µs."""
+    """Build one file with a track of stages, and a track per arm; times in µs."""
     schedule = request.schedule
     tracks = {STAGES: 1} | {arm: k for k, arm in enumerate(schedule.robot.arms, start=2)}
     process = {"name": "process_name", "ph": "M", "pid": 1, "args": {"name": schedule.robot.name}}
@@ -32,7 +32,10 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
 
 
 def _stages(schedule: Schedule, tracks: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Returns the stages of both arms; those of asynchronous arms overlap, and their segments show the same."""
+    """List the stages of both arms.
+
+    Asynchronous arms' stages overlap; their segments show the same information.
+    """
     return [
         _span(
             f"stage {number}",
@@ -76,7 +79,7 @@ def _span(
         "name": name,
         "ph": "X",
         "ts": start,
-        # The difference of rounded ends: what follows another one neither overlaps it nor leaves a gap.
+        # The difference of rounded ends, so that consecutive spans neither overlap nor leave a gap.
         "dur": round(end - start, 3),
         "pid": 1,
         "tid": track,
@@ -85,5 +88,5 @@ def _span(
 
 
 def _microseconds(time: float) -> float:
-    """Returns a time in µs to the nanosecond, which is what Perfetto keeps."""
+    """Convert a time to µs, rounded to the nanosecond, which is Perfetto's resolution."""
     return round(time * 1e6, 3)

@@ -1,1 +1,1 @@
-"""The page beside a plan: one HTML file in which the cell moves."""
+"""Interactive HTML page of a plan: one self-contained file in which the cell moves."""

@@ -1,4 +1,4 @@
-"""One HTML file that needs nothing else: the data of a plan and the built code of the page."""
+"""Self-contained HTML page: a plan's data and the built code that shows them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import Any
 from dualarm_cli.errors import MissingDependencyError
 
 BUILT = ("page.css", "page.js")
-"""Files that `hatch_build.py` makes when the package is built."""
+"""Files built by `hatch_build.py` together with the package."""
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
     "base-uri 'none'; form-action 'none'"
 )
-"""What the page may load: nothing but itself."""
+"""Content security policy: the page loads nothing from elsewhere."""
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -38,10 +38,10 @@ _PAGE = """<!doctype html>
 
 
 class PageNotBuiltError(MissingDependencyError):
-    """The page's own code is not in this installation."""
+    """Error of an installation without the page's built code."""
 
     def __init__(self) -> None:
-        """Says what to do."""
+        """Compose the message."""
         Exception.__init__(
             self,
             "the page was not built into this installation, as Node's packages could not be reached then; "
@@ -50,18 +50,18 @@ class PageNotBuiltError(MissingDependencyError):
 
 
 def built_folder() -> Traversable:
-    """Returns the folder of the page's own code, which need not exist."""
+    """Return the folder of the built code; it may be missing."""
     return resources.files("dualarm_cli.page") / "built"
 
 
 def require_built() -> None:
-    """Raises PageNotBuiltError where this installation has no code of the page."""
+    """Raise PageNotBuiltError if this installation lacks the built code."""
     if not all((built_folder() / name).is_file() for name in BUILT):
         raise PageNotBuiltError
 
 
 def page_html(data: Mapping[str, Any]) -> bytes:
-    """Returns the page of some data (`page_data`).
+    """Build the page of a plan's data (`page_data`).
 
     Raises:
         PageNotBuiltError: this installation has no code of the page.
@@ -71,7 +71,7 @@ def page_html(data: Mapping[str, Any]) -> bytes:
 
 
 def page_ends(title: str) -> tuple[str, str]:
-    """Returns what stands before and after the data in a page with that title.
+    """Build the parts of a page before and after its data.
 
     Raises:
         PageNotBuiltError: this installation has no code of the page.
@@ -86,6 +86,6 @@ def page_ends(title: str) -> tuple[str, str]:
 
 
 def script_json(document: Any) -> str:
-    """Returns JSON that ends no script and begins nothing within one, whatever the names in it are."""
+    """Encode a document as JSON that cannot end or open a script element."""
     text = json.dumps(document, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     return text.replace("<", "\\u003c")

@@ -1,4 +1,4 @@
-"""Tables of HTML pages: everything in them that comes from files is text."""
+"""Tables of HTML pages, with all text from files escaped."""
 
 from __future__ import annotations
 
@@ -23,52 +23,52 @@ th, td { padding: 1px 10px; text-align: left; vertical-align: top; white-space: 
 .warn { color: var(--warn); font-weight: 600 }
 .bad { color: var(--bad); font-weight: 600 }
 """
-"""Of pages with such tables."""
+"""Style sheet of pages with tables."""
 
 
 @dataclass(frozen=True)
 class PageCell:
-    """What stands in one place of a table."""
+    """Cell of a table."""
 
     text: str
-    """What is read there; its lines stay lines."""
+    """Text, with its line breaks."""
     mark: str = ""
-    """`good`, `warn`, `bad`, or nothing."""
+    """`good`, `warn`, `bad`, or empty."""
     links: Mapping[str, str] = field(default_factory=dict)
-    """Files beside the page by the words that lead to them, after the text."""
+    """Linked files by their labels, shown after the text."""
 
 
 @dataclass(frozen=True)
 class PageRow:
-    """One row of a table."""
+    """Row of a table."""
 
     cells: Sequence[PageCell]
-    """One per column."""
+    """Cells, one per column."""
     data: Mapping[str, object] = field(default_factory=dict)
-    """Values for a script, by name."""
+    """Values for a script by name."""
 
 
 @dataclass(frozen=True)
 class PageTable:
-    """A table of a page."""
+    """Table of a page."""
 
     title: str
-    """What stands above it; empty for nothing."""
+    """Caption above the table, or empty."""
     columns: Sequence[tuple[str, bool]]
-    """Names, and whether they hold numbers."""
+    """Column names, and whether they hold numbers."""
     rows: Sequence[PageRow]
-    """From top to bottom."""
+    """Rows from top to bottom."""
     note: str = ""
-    """What stands below it; empty for nothing."""
+    """Note below the table, or empty."""
 
 
 def text_html(text: str) -> str:
-    """Returns a text as HTML that shows it, and does nothing else."""
+    """Escape a text as HTML."""
     return html.escape(printable(text))
 
 
 def table_html(table: PageTable) -> str:
-    """Returns a table as HTML."""
+    """Render a table as HTML."""
     title = f"<caption>{text_html(table.title)}</caption>" if table.title else ""
     head = "".join(f"<th{_class(number)}>{text_html(name)}</th>" for name, number in table.columns)
     rows = "\n".join(_row(row, table.columns) for row in table.rows)

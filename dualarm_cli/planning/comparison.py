@@ -1,4 +1,4 @@
-"""The same work by every method: which runs there are, and what comes of each."""
+"""Comparison of methods on one job: cases to run and their outcomes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Judge = Callable[[Schedule, Job], Schedule]
 
 @dataclass(frozen=True)
 class Case:
-    """One way to plan."""
+    """Combination of solvers that plans a job."""
 
     method: str
     """Name in METHODS."""
@@ -43,7 +43,7 @@ class Case:
     """Whether a person named the redundancy solver; otherwise it is the one that serves the robot."""
 
     def on(self, robot: Robot) -> Case:
-        """Returns the case on a robot."""
+        """Complete the case with a robot's default solvers."""
         if self.named:
             return self
         return replace(self, redundancy=own_redundancy(self.method, robot))
@@ -51,10 +51,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one case on one job."""
+    """Outcome of one case on one job."""
 
     case: Case
-    """How it was planned."""
+    """The case that planned it."""
     status: Status
     """Whether there is a plan, and whether the verifier passes it."""
     reason: str
@@ -68,7 +68,7 @@ class Outcome:
 def cases(
     methods: Sequence[str] = (), redundancies: Sequence[str] = (), timings: Sequence[str] = ()
 ) -> list[Case]:
-    """Returns every combination of the named solvers, or of all of a family where none is named.
+    """List all combinations of the named solvers; unnamed families contribute all members.
 
     Where no redundancy solver is named, every method has the one that serves the robot.
 
@@ -98,7 +98,7 @@ def job_cases(
     redundancies: Sequence[str] = (),
     timings: Sequence[str] = (),
 ) -> list[Case]:
-    """Returns the combinations that make sense for a job; see `cases` for one without paths and seams.
+    """List the sensible combinations for a job, with its paths and seams.
 
     Of a job with paths or seams every follower and seam solver with the default method and, where it has stops as
     well, every method with the file's followers (written as the redundancy solver of its stops). What is named is
@@ -130,11 +130,11 @@ def _job_cases(
     redundancies: Sequence[str],
     timings: Sequence[str],
 ) -> list[Case]:
-    """Returns the combinations without stops at the outer ends of lines; see `job_cases`.
+    """List the combinations without line ends at rest, see `job_cases`.
 
     Args:
         job: what is to be planned.
-        own: the method that is taken where nobody names one.
+        own: the default method.
         methods: names in METHODS.
         redundancies: names of redundancy solvers or path followers.
         timings: names of timing solvers.
@@ -154,7 +154,7 @@ def _job_cases(
 
 
 def _solvers(job: Job) -> list[str]:
-    """Returns the followers of paths and the seam solvers that a job asks for."""
+    """Return the path followers and seam solvers that a job requires."""
     own = [kind.solvers for kind in kinds_of(job) if kind.solvers is not None]
     return [name for solvers in own for name in solvers.names]
 
@@ -171,7 +171,7 @@ def run_cases(
     clock: Callable[[], float],
     progress: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Outcome]:
-    """Yields what comes of each case, one after the other, so that no more than one plan need be kept.
+    """Yield the outcome of each case in turn, so that one plan is kept.
 
     Args:
         job: the same work for all.
@@ -215,7 +215,7 @@ def run_cases(
 
 
 def _why_unserved(job: Job, settings: PlanSettings, case: Case) -> str | None:
-    """Returns why a case cannot be run on a job, or None."""
+    """Explain why a case cannot run on a job; None if it can."""
     redundancy = case.redundancy
     if redundancy not in REDUNDANCY_SOLVERS.names:
         for kind, solvers in families():
@@ -230,7 +230,7 @@ def _why_unserved(job: Job, settings: PlanSettings, case: Case) -> str | None:
 
 
 def _judged(case: Case, schedule: Schedule, taken: float) -> Outcome:
-    """Build the outcome of a judged plan: it counts only if the verifier passes it."""
+    """Build the outcome of a verified plan; a failed verification excludes it."""
     verification = schedule.verification
     assert verification is not None  # it has been judged
     if verification.passed:

@@ -1,4 +1,4 @@
-"""Plans of jobs whose arms are asynchronous: the best orders found are planned, the quickest plan is taken."""
+"""Plans of asynchronous arms in the best orders; the fastest plan wins."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from dualarm_cli.planning.planned_job import PlannedJob
 
 
 def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
-    """Plan asynchronous arms in the best orders found; return the quickest plan.
+    """Plan asynchronous arms in the best orders; return the fastest plan.
 
     The platform stands at one angle while both arms work, or at several ones after another; where neither is quicker,
     both arms go from stage to stage together as they do where they are paired.
@@ -105,30 +105,30 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
 
 
 def _schedule(work: PlannedJob, motion: Motion, job: Job) -> Schedule:
-    """Build the schedule of a decided variant from its motion, with nothing done too late."""
+    """Build the schedule of a decided variant and check its time windows."""
     notes = (*work.job.notes, *work.replaced, *job_notes(job))
     return in_time(schedule_of(job, work.settings, motion, notes), work.job)
 
 
 def _noted(schedule: Schedule, notes: list[str]) -> Schedule:
-    """Returns a schedule with more notes."""
+    """Append notes to a schedule."""
     return replace(schedule, notes=(*schedule.notes, *notes))
 
 
 def _turns(model: CellModel) -> bool:
-    """Returns whether the platform can stand at several positions for two asynchronous arms."""
+    """Return whether several platform positions suit two asynchronous arms."""
     return model.platform.is_chosen and len(model.arms) > 1
 
 
 def _why_together(own: Schedule | None, *, turns: bool) -> str:
-    """Returns why both arms go from stage to stage together although each could go by its own clock."""
+    """Return the reason for stage-by-stage arms, as text."""
     if own is None:
         return planning_note("mode", "no_own_clocks", turns=turns)
     return planning_note("mode", "together", turns=turns, duration=own.duration)
 
 
 def _may_be_quicker(work: PlannedJob, found: Schedule) -> bool:
-    """Returns whether paired arms may be quicker: a platform's turns help them, or the others wait much."""
+    """Return whether synchronous arms may be faster, thanks to platform turns or less waiting."""
     if _turns(work.model):
         return True
     waits = [
@@ -143,7 +143,7 @@ def _may_be_quicker(work: PlannedJob, found: Schedule) -> bool:
 
 
 def _worth_planning(orders: FreeOrders, effort: EffortSettings) -> list[FreeOrder]:
-    """Returns the orders at the best angles."""
+    """Select the orders at the best platform angles."""
     if not orders.ranked:
         return []
     most, limit = effort.clocks.tried, (1.0 + effort.trials.promising) * orders.ranked[0].total
@@ -157,7 +157,7 @@ def _worth_planning(orders: FreeOrders, effort: EffortSettings) -> list[FreeOrde
 
 
 def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> list[str]:
-    """Returns what a reader should know of a plan in which the platform stands at several angles or places."""
+    """List notes on a plan whose platform stands at several positions."""
     epochs = [
         planning_note(
             "mode",
@@ -181,7 +181,7 @@ def _together_notes(together: Schedule | None) -> list[str]:
 def free_notes(
     orders: FreeOrders, total: float, together: Schedule | None, *, turns: bool
 ) -> list[str]:
-    """Returns what a reader should know of a plan with a standing platform.
+    """List notes on a plan with a standing platform.
 
     Args:
         orders: what the search found.

@@ -1,4 +1,4 @@
-"""Proven faults that make a job impossible, whatever is planned.
+"""Proven faults: reasons why no plan of a job exists.
 
 `dualarm check` prints them, and the planner refuses them before it searches. Only what is proven is a fault: a target
 that no posture reaches at any platform position and turn of the tool, or at which the tool or part, whose pose it
@@ -59,7 +59,7 @@ def job_faults(
     clear: bool = True,
     rules: RoomRules | None = None,
 ) -> list[Refusal]:
-    """List all that is proven to make a job impossible, by file and line.
+    """List all proven reasons why a job is impossible, by file and line.
 
     Nothing for a robot that is not planned.
 
@@ -110,12 +110,12 @@ class _Faults:
 
     @cached_property
     def _clock(self) -> Clock:
-        """Times of the robot's joints, which targets are looked at with."""
+        """Joint times with which targets are examined."""
         return Clock.of(self.model, self.job)
 
     @cached_property
     def _is_placed(self) -> bool:
-        """Flag of platforms whose positions are known, or can all be examined."""
+        """Whether all platform positions are known or can be examined."""
         platform = self.model.platform
         moves = self.job.start == "free" or self.job.in_sections
         return platform.is_chosen or not platform.joints or not moves
@@ -220,7 +220,7 @@ class _Faults:
 
 
 def _shares(work: PathWork | None) -> list[float]:
-    """List inner shares of a path or seam to examine, junctions among them."""
+    """List progress values of a path or seam to examine, junctions included."""
     found = [k / FAULTS.stretches for k in range(1, FAULTS.stretches)]
     for path in () if work is None else work.paths.values():
         step = -(-len(path.junctions) // FAULTS.most_junctions) or 1

@@ -1,4 +1,4 @@
-"""Sentences that plans carry as notes: on orders, modes, the platform and effort."""
+"""Notes of planning: on orders, modes, platform and effort."""
 
 from __future__ import annotations
 

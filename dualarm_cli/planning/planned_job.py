@@ -1,4 +1,4 @@
-"""Resolved jobs: solvers, measured cell, kinds of work and rules of order, settled before any search."""
+"""Resolved jobs: solvers, kinematics, kinds of work and order rules before the search."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Route = Literal["sections", "paired", "own clocks"]
 
 @dataclass(frozen=True)
 class PlannedJob:
-    """Job to plan, with everything that depends on its robot and settings alone."""
+    """Job with everything that depends on its robot and settings alone."""
 
     job: Job
     """Variant to plan: straight parts of lines where they are blended, rules of order added."""
@@ -52,17 +52,17 @@ class PlannedJob:
 
     @property
     def effort(self) -> EffortSettings:
-        """Row of numbers for the effort."""
+        """Settings of the effort."""
         return EFFORTS[self.settings.effort]
 
     @property
     def blending(self) -> Blending:
-        """Law of where tools pass in motion."""
+        """Rule of which stops are passed in motion."""
         return BLENDINGS[self.settings.blend]
 
     @property
     def route(self) -> Route:
-        """Way of planning: by sections, in synchronous stages, or asynchronously."""
+        """Planning route: by sections, in synchronous stages, or asynchronously."""
         if self.job.in_sections:
             return "sections"
         is_paired = self.job.mode == "paired" or any(kind.together for kind in self.kinds)
@@ -70,7 +70,7 @@ class PlannedJob:
 
     @cached_property
     def problem(self) -> MethodProblem:
-        """Problem of the method, before anything is known of collisions."""
+        """Problem of the method without collision checking."""
         settings = self.settings
         return MethodProblem(
             self.model,
@@ -83,7 +83,7 @@ class PlannedJob:
 
     @property
     def guessed(self) -> Job:
-        """Job as orders are searched for it: moving targets where they are expected."""
+        """Job with moving targets at their expected positions, for the search for orders."""
         job = self.job
         for kind in self.kinds:
             job = kind.guessed(job)
@@ -94,7 +94,7 @@ class PlannedJob:
         return replace(self, job=job)
 
     def with_effort(self, effort: str) -> PlannedJob:
-        """Return the same for another word of `--effort`."""
+        """Return the same at another effort."""
         return replace(self, settings=replace(self.settings, effort=effort))
 
 
@@ -109,7 +109,7 @@ def resolve(job: Job, settings: PlanSettings, *, clear: bool = True) -> PlannedJ
     Raises:
         UnknownSolverError: a solver that its family does not have.
         UnsupportedError: a robot or a limit that a chosen solver does not serve.
-        InputError: tasks that ask for what there is not.
+        InputError: tasks that refer to missing items.
         InfeasibleError: a target, start or part that makes every plan impossible.
     """
     robot = job.cell.robot

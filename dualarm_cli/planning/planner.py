@@ -1,4 +1,4 @@
-"""Planning of a job: its route, less effort, the file's order, and the lower bound."""
+"""Planner: route, lower effort, file order and lower bound of a job."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
 def plan_without_bound(
     job: Job, settings: PlanSettings, watch: Watch | None = None, *, clear: bool = True
 ) -> Schedule:
-    """Plan a job without a lower bound: order, platform angles and postures, collision-free motion.
+    """Plan a job without a lower bound: order, platform angles, postures and motion.
 
     Args:
         job: cell and tasks.
@@ -92,7 +92,7 @@ def plan_without_bound(
 
 
 def _planned(work: PlannedJob, watch: Watch) -> Schedule:
-    """Plan a resolved job; where the user has seen enough, return the plan that is kept."""
+    """Plan a resolved job; if interrupted, return the best plan so far."""
     watch.best_plan = None
     schedule = _until_seen_enough(watch, lambda: _by_route(work, watch))
     watch.end()
@@ -112,7 +112,7 @@ def _planned(work: PlannedJob, watch: Watch) -> Schedule:
 
 
 def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
-    """Plan a job by its route, and keep the file's order if no quicker plan is found.
+    """Plan a job by its route; prefer the file's order unless it is slower.
 
     The file's order is not planned if the times of the search show that it is far slower.
     """
@@ -143,7 +143,7 @@ def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
 
 
 def _is_slower_as_filed(found: Schedule, watch: Watch, trials: TrialEffort) -> bool:
-    """Returns whether the file's order cannot be expected to be quicker than a plan that was found of an open one.
+    """Return whether the file's order is expected to be slower than the plan.
 
     It cannot where the search for stages found it to be slower by far, and the plan is as quick as the search promised.
     """
@@ -154,7 +154,7 @@ def _is_slower_as_filed(found: Schedule, watch: Watch, trials: TrialEffort) -> b
 
 
 def _by_sections(work: PlannedJob, watch: Watch) -> Schedule:
-    """Plan a job with paths or seams, which are done alone."""
+    """Plan a job with paths or seams."""
     from dualarm_cli.planning.section_plans import quickest_of_sections
 
     return quickest_of_sections(work, watch)
@@ -186,7 +186,7 @@ ROUTES: Mapping[Route, Callable[[PlannedJob, Watch], Schedule]] = {
 
 
 def _less_efforts(work: PlannedJob) -> list[str]:
-    """List the words of `--effort` with which a short job is planned as well; none where a time limit ends searches."""
+    """List the lower efforts to try for a short job without a time limit."""
     if sum(len(task.stops) for task in work.job.tasks) > work.effort.short_stops:
         return []
     if work.settings.time_limit is not None and not work.job.is_decided:
@@ -200,7 +200,7 @@ def _less_efforts(work: PlannedJob) -> list[str]:
 
 
 def _of_less_effort(work: PlannedJob) -> Schedule | None:
-    """Plan a short job with each lesser effort, whose searches take other ways; return the quickest plan or None."""
+    """Plan a short job with each lower effort; return the fastest plan or None."""
     plans = []
     for effort in _less_efforts(work):
         with suppress(InfeasibleError):
@@ -210,7 +210,7 @@ def _of_less_effort(work: PlannedJob) -> Schedule | None:
 
 
 def _as_asked(easier: Schedule, settings: PlanSettings, duration: float | None = None) -> Schedule:
-    """Return a plan of less effort as that of the effort asked for, with a note.
+    """Relabel a plan of lower effort with the requested effort, with a note.
 
     Args:
         easier: the plan.
@@ -228,7 +228,7 @@ def _as_asked(easier: Schedule, settings: PlanSettings, duration: float | None =
 
 
 def _until_seen_enough(watch: Watch, made: Callable[[], T]) -> T | None:
-    """Run a planning step until the user has seen enough.
+    """Run a planning step until the user interrupts it.
 
     Returns:
         Its result, or None after an interrupt with a plan to go on with.

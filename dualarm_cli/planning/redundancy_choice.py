@@ -14,7 +14,7 @@ from dualarm_cli.postures import REDUNDANCY_SOLVERS
 
 
 def with_redundancy(settings: PlanSettings, name: str | None) -> PlanSettings:
-    """Returns settings with what a name sets; the rest stays.
+    """Apply a redundancy solver's name to the settings.
 
     Args:
         settings: what they are changed from.
@@ -39,10 +39,10 @@ def with_redundancy(settings: PlanSettings, name: str | None) -> PlanSettings:
 
 
 def check_follower(job: Job, asked: str | None) -> None:
-    """Raises where the command line asks for a follower of paths that there is not, or in vain.
+    """Refuse an unknown or unused path follower on the command line.
 
     Args:
-        job: with paths or seams.
+        job: job with paths or seams.
         asked: the method that the command line names, or None.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Orders of picks and places that leave room for their parts."""
+"""Order rules of picks and places that leave room for their parts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Rules = dict[tuple[str, str], Crowded]
 
 @dataclass(frozen=True)
 class RoomRules:
-    """Orders that the rooms of a job's parts leave."""
+    """Order rules that follow from the room of a job's parts."""
 
     job: Job
     """Job in which crowded parts keep the yaw of the file."""
@@ -41,7 +41,7 @@ class RoomRules:
         return cls(*_pinned(job, _rules(job)))
 
     def faults(self) -> list[Refusal]:
-        """List parts that are in each other's way, whatever the arms do."""
+        """List parts that obstruct each other in every order."""
         job, rules = self.job, self.rules
         place = {task.id: k for k, task in reversed(list(enumerate(job.tasks)))}
         arms: dict[str, set[str]] = {}
@@ -76,9 +76,9 @@ class RoomRules:
 
 
 def planned_around(job: Job, plan: Callable[[Job], Schedule], stop: Callable[[], bool]) -> Schedule:
-    """Plan a job of open order; turn two tasks round where the part of one is in the way of the other.
+    """Plan a job of open order; swap two tasks if one's part obstructs the other.
 
-    The rules of a job are of tools and parts: that a part is in the way of a link, only a plan tells.
+    The rules of a job are of tools and parts: only a plan shows that a part obstructs a link.
 
     Args:
         job: what is to be done.
@@ -117,7 +117,7 @@ def planned_around(job: Job, plan: Callable[[Job], Schedule], stop: Callable[[],
 
 
 def _in_the_way(job: Job, error: InfeasibleError) -> list[tuple[str, str]]:
-    """List tasks that one arm cannot do, each with the task whose part is in its way."""
+    """List tasks that one arm cannot do, each with the obstructing task."""
     owners = {lying_label(task): task.id for task in job.tasks if task.part}
     known, found = {task.id for task in job.tasks}, []
     for refusal in error.refusals:
@@ -131,7 +131,7 @@ def _in_the_way(job: Job, error: InfeasibleError) -> list[tuple[str, str]]:
 
 
 def _with_rule(job: Job, one: str, other: str) -> Job:
-    """Return a job in which one task comes before another one, and no longer after it."""
+    """Return a job in which one task precedes another, and no longer follows it."""
     tasks = []
     for task in job.tasks:
         after = [name for name in task.after if (name, task.id) != (other, one)]
@@ -194,7 +194,7 @@ def _rule(job: Job, crowded: Crowded) -> tuple[str, str] | None:
     if room.stop.buffer:
         return None
     if room.stop.action == "pick":
-        # Of several parts that come to one place only one is there at a time.
+        # Several parts that use one place are there at different times.
         return None if others else (room.task.id, crowded.task.id)
     gone = room.task.leaves or "pick" in others
     return None if gone else (crowded.task.id, room.task.id)

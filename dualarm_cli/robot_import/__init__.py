@@ -1,1 +1,1 @@
-"""A robot's folder from its URDF: arms, platform, limits, contacts and a posture to start from, found and explained."""
+"""Import of a robot from its URDF: arms, platform, limits, contacts and home posture."""

@@ -1,4 +1,4 @@
-"""JSON Schema of all files that are read and written: for editors, and for programs that read results."""
+"""JSON Schemas of all files read and written, for editors and programs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KINDS = tuple(_SCHEMAS)
 
 
 def schema_of(kind: str) -> dict[str, Any]:
-    """Returns the JSON Schema of a kind of file.
+    """Build the JSON Schema of a kind of file.
 
     Args:
         kind: one of KINDS.
@@ -31,7 +31,7 @@ def schema_of(kind: str) -> dict[str, Any]:
 
 
 def schema_text(kind: str) -> str:
-    """Returns the JSON Schema of a kind of file as the text of a file.
+    """Build the text of the JSON Schema of a kind of file.
 
     Args:
         kind: one of KINDS.
@@ -40,7 +40,7 @@ def schema_text(kind: str) -> str:
 
 
 def editor_line(schema: str) -> str:
-    """Returns the first line of a YAML file by which editors find its schema.
+    """Compose the line of a YAML file that leads editors to its schema.
 
     Args:
         schema: path of the schema's file, relative to the YAML file's folder.

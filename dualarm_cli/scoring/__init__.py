@@ -1,1 +1,1 @@
-"""Cells that must not get worse: cases found, compared with a baseline, and told in the formats of CI."""
+"""Regression scores of cells: find cases, compare them with a baseline, report to CI."""

@@ -1,4 +1,4 @@
-"""Verdict: what became of one case, and why."""
+"""Verdict on one case: its state and the reasons."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ State = Literal[
     "pass",
 ]
 STATES: tuple[str, ...] = get_args(State)
-"""Most severe first."""
+"""States, most severe first."""
 EXIT_CODES: Mapping[str, int] = {
     "internal_error": 4,
     "crashed": 4,
@@ -41,39 +41,39 @@ EXIT_CODES: Mapping[str, int] = {
     "new": 0,
     "pass": 0,
 }
-"""What each state alone makes the process end with."""
+"""Exit code of each state alone."""
 SEVERITY = (4, 2, 3, 1, 0)
 """Exit codes, most severe first."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one case."""
+    """Verdict on one case."""
 
     case: str
-    """Its name."""
+    """Name of the case."""
     state: State
-    """The most severe of what can be said of it."""
+    """Most severe state that applies."""
     evaluation: Evaluation | None
-    """What it came to; None for one that is missing."""
+    """Present result; None for a missing case."""
     before: Recorded | None
-    """What it came to when the baseline was made; None where it is not in there, or there is none."""
+    """Recorded result; None without a baseline, or if the baseline lacks the case."""
     reasons: tuple[Finding, ...]
-    """Why it is not simply a pass."""
+    """Reasons why the case is not a plain pass."""
 
     @property
     def failed(self) -> bool:
-        """Whether the gate is closed for it."""
+        """Flag of a case that fails the gate."""
         return EXIT_CODES[self.state] != 0
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """Sentences on what the verifier's pass leaves open; nothing for a case that fails."""
+        """Caveats of the verifier's pass; empty for a failed case."""
         return () if self.failed or self.evaluation is None else self.evaluation.caveats
 
     @property
     def change(self) -> float | None:
-        """By what share the cycle time is longer than it was; None where one of both is not known, or was 0."""
+        """Relative increase of the cycle time; None if either time is unknown or the recorded one is 0."""
         if self.before is None or self.evaluation is None or self.evaluation.cycle_time is None:
             return None
         then = self.before.cycle_time
@@ -81,11 +81,11 @@ class Verdict:
 
 
 def exit_code(verdicts: Sequence[Verdict]) -> int:
-    """Returns what the process ends with: the most severe of its cases."""
+    """Select the process's exit code: that of the most severe case."""
     codes = {EXIT_CODES[verdict.state] for verdict in verdicts}
     return next(code for code in SEVERITY if code in codes)
 
 
 def words(state: str) -> str:
-    """Returns a state as people say it."""
+    """Format a state as words."""
     return state.replace("_", " ")

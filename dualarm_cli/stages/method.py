@@ -1,4 +1,4 @@
-"""Problem and solution of a whole method."""
+"""Problem and result of a planning method."""
 
 from __future__ import annotations
 
@@ -17,39 +17,40 @@ from dualarm_cli.stages.plans.problem import Decisions
 
 @dataclass(frozen=True)
 class MethodProblem:
-    """A job, and how hard to try."""
+    """A job with the settings under which a method plans it."""
 
     model: CellModel
-    """The job's cell, ready for kinematics."""
+    """Kinematics of the job's cell."""
     job: Job
-    """What is to be done."""
+    """Tasks and limits."""
     redundancy: str
     """Name of the redundancy solver."""
     effort: str = "normal"
-    """quick, normal or thorough; greedy methods have one effort only."""
+    """Effort: quick, normal or thorough; greedy methods ignore it."""
     seed: int = 0
     """Seed of all randomness."""
     holding: Holding | None = None
-    """What has to be collision-free; None where nothing has to."""
+    """Bodies that must not collide; None disables collision checking."""
     no_goods: tuple[NoGood, ...] = ()
-    """Stages that turned out to collide; only methods over the whole sequence avoid them."""
+    """Excluded stages; only methods over the whole sequence use them."""
     unchecked: tuple[StagePlan, ...] = ()
-    """The method's own plan for the same job that collides, if there is one."""
+    """Colliding plan of the method for the same job; empty if none."""
     colliding_stages: tuple[int, ...] = ()
-    """Its stages that do not, or only at a cost; the number of stages stands for the return."""
+    """Stages of `unchecked` that collide or are expensive; the return is the last one."""
     neighbourhood_only: bool = False
-    """Whether a plan is asked for only if there is one near that one: a good one is known that is collision-free.
-    Thorough effort, and methods that look at no plan, heed it not."""
+    """Whether the search is limited to plans near `unchecked`.
+
+    Set once a cheap collision-free plan is known; ignored by thorough effort and by greedy methods."""
     start: Decisions | None = None
-    """A plan to begin a search with: that which an order was chosen by."""
+    """Initial plan of the search, from the choice of the order."""
     without_margin: MethodProblem | None = None
-    """The same problem with the robot's own limits, where this one keeps joints away from them; None where it does not.
-    A method may plan with both. Where it finds no plan on its grid it tries nothing else: this one is solved next."""
+    """The same problem without a margin to the joint limits; None if this problem has no margin.
+
+    A method may plan with both. If its grid has no plan it refuses, and this problem is solved next."""
     blending: Blending = STOPPING
-    """Law of where tools pass in motion."""
+    """Rule of which targets and line ends are passed in motion."""
     repair_touching_stops: bool = True
-    """Whether stages in which arms touch at their stops are repaired and decided once more; else the order
-    will be changed, which is what helps most."""
+    """Whether stages with colliding stops are repaired and re-planned; otherwise the order is changed."""
 
     @property
     def settings(self) -> EffortSettings:
@@ -58,17 +59,17 @@ class MethodProblem:
 
     @property
     def blends(self) -> bool:
-        """Flag of jobs with targets or line ends that tools may pass in motion."""
+        """Whether tools may pass any target or line end in motion."""
         return any(self.blending.passes(stop) for task in self.job.tasks for stop in task.stops)
 
     @property
     def turns_for_both(self) -> bool:
-        """Whether there is a platform angle to choose for two arms."""
+        """Whether one platform angle is chosen for two arms."""
         return self.model.platform.is_turntable and len(self.model.arms) == 2
 
     @property
     def simpler(self) -> list[str]:
-        """Names of the greedy methods that serve this robot and differ on it."""
+        """Names of the greedy methods that support this robot and differ on it."""
         return (
             ["fixed", "exact", "linearised"]
             if self.turns_for_both and self.model.has_arm_angles
@@ -78,16 +79,17 @@ class MethodProblem:
 
 @dataclass(frozen=True)
 class Decided:
-    """A method's answer."""
+    """Result of a planning method."""
 
     stages: list[StagePlan]
-    """In their order, the return last where there is one."""
+    """Stages in order; the return, if any, is the last one."""
     grid_gap: float | None = None
-    """How far the best plan on the method's own grid was from that grid's bound, as a share, before it was refined;
-    None for methods without a grid. It says nothing about plans off the grid."""
+    """Relative gap between the best plan on the grid and the grid's lower bound, before refinement.
+
+    None for methods without a grid. Plans off the grid may be faster."""
     alternatives: tuple[list[StagePlan], ...] = ()
-    """Other plans that may turn out to be faster when they are timed exactly."""
+    """Further plans that exact timing may show to be faster."""
     is_infeasible: bool = False
-    """Whether something has to touch at a stop whatever the method does: the plan only shows what."""
+    """Whether every plan on the grid collides at a stop; the plan shows where."""
     simpler: Callable[[], list[list[StagePlan]]] | None = None
-    """Simpler methods' plans, for where avoiding collisions costs much; None where they were tried."""
+    """Plans of simpler methods, computed if clearance is expensive; None if already compared."""

@@ -1,4 +1,4 @@
-"""Whole methods, from a job to its decided stages: what `--platform` names and `compare solvers` compares."""
+"""Registry of planning methods, as named by `--platform` and compared by `compare solvers`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _needs_turntable(problem: MethodProblem) -> str | None:
 def _served(
     name: str, own: Callable[[MethodProblem], str | None] = lambda _: None
 ) -> Callable[[MethodProblem], str | None]:
-    """Returns why a method does not serve a problem: by itself, or together with its redundancy solver."""
+    """Explain why a robot does not support a method with its redundancy solver; None if supported."""
 
     def why(problem: MethodProblem) -> str | None:
         robot = problem.job.cell.robot

@@ -1,4 +1,4 @@
-"""The quickest single stage: platform angle and both arms' postures together."""
+"""Fastest single stage: platform angle and both arms' postures optimised together."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SIMPLER = ("fixed", "exact", "linearised")
 
 @dataclass(frozen=True)
 class MoveSettings:
-    """Numbers that steer the search for quickest moves of one stage."""
+    """Settings of the search for the fastest move of one stage."""
 
     grid_step: float = np.radians(5.0)
     """Spacing of the platform angles of the first estimate of a stage's time [rad]."""
@@ -63,7 +63,7 @@ MOVE = MoveSettings()
 
 
 def choose_quickest(stage: OpenStage, position: FloatArray) -> StagePlan | InfeasibleError:
-    """Returns the quickest stage that is found from a position, or why there is none.
+    """Find the fastest stage from a position, or explain why there is none.
 
     The stage lasts as long as the slower arm: max(T_platform, T_arm) + approach + dwell + retract. For a given platform
     angle the arms are independent of each other, so that what is left is a function of one variable. A first idea of
@@ -125,7 +125,7 @@ def _step(stage: OpenStage) -> float:
 
 
 def _quickest(stage: OpenStage, plans: Sequence[StagePlan]) -> StagePlan:
-    """Returns the shortest of some stages, of equally short ones that whose platform turns least."""
+    """Return the fastest stage; among equals, the one with the smallest platform move."""
     column = stage.model.platform_columns[0]
     least = min(plan.duration for plan in plans) + SAME_TIME
     return min(
@@ -135,7 +135,7 @@ def _quickest(stage: OpenStage, plans: Sequence[StagePlan]) -> StagePlan:
 
 
 def _promising(stage: OpenStage, position: FloatArray) -> FloatArray:
-    """Returns the platform angles [rad] at the best local minima of a first idea of the stage's time."""
+    """Return the best local minima of the estimated stage time, as platform angles [rad]."""
     model, at_start = stage.model, stage.at_start(position)
     here, low, high = model.platform_around(position)
     step = _step(stage)
@@ -154,7 +154,7 @@ def _promising(stage: OpenStage, position: FloatArray) -> FloatArray:
 def _first_idea(
     stage: OpenStage, at_start: Mapping[str, StopProblem], turn: FloatArray
 ) -> FloatArray:
-    """Returns about how long the stage takes after further turns of the platform [s], shape (m,).
+    """Estimate the stage time after further platform moves [s], shape (m,).
 
     Lines are left out, and what the arms of a hand-over wait for each other.
     """
@@ -173,7 +173,7 @@ def _first_idea(
 
 
 def _zoomed(stage: OpenStage, position: FloatArray, best: StagePlan) -> StagePlan:
-    """Returns the quickest stage of ever narrower brackets about a stage's platform angle; or that stage."""
+    """Refine a stage's platform angle in ever narrower brackets."""
     column = stage.model.platform_columns[0]
     limits = stage.model.cell.robot.limits
     for k in range(MOVE.zoom_rounds):
@@ -188,7 +188,7 @@ def _zoomed(stage: OpenStage, position: FloatArray, best: StagePlan) -> StagePla
 def _stages_near(
     stage: OpenStage, position: FloatArray, angles: FloatArray, like: StagePlan, width: float
 ) -> list[StagePlan]:
-    """Returns stages at platform angles (m,) with postures near those of another stage, slower ones left out."""
+    """Compute stages at platform angles (m,) near a given stage; leave out slower ones."""
     problems = stage.from_position(position, angles[:, None])
     each = [(k, arm) for k in range(len(angles)) for arm in problems[k]]
     answers = choose_near(

@@ -1,4 +1,4 @@
-"""Move into one stage, as the platform solvers take it."""
+"""Moves into a stage, as input of the platform solvers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dualarm_cli.stages.stage_choice import in_axis_frame, stage_problem
 
 
 def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
-    """Returns the move into one stage, after the stages before it, and both wrists before it.
+    """Return the move into a stage and both wrist positions before it.
 
     The stages before are planned with the `exact` platform solver. The wrists are where the transfer ends: at the start
     of the approach.

@@ -1,4 +1,4 @@
-"""From a job to the numbers that the search over its whole sequence works on."""
+"""Conversion of a job to the arrays of the sequence search."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def sequence_problem(
     holding: Holding | None = None,
     no_goods: tuple[NoGood, ...] = (),
 ) -> SequenceProblem:
-    """Returns a job's stages in their order, under its limits at its speed.
+    """Build the sequence problem of a job, under its limits at its speed.
 
     Args:
         model: the job's cell.
@@ -52,7 +52,7 @@ def sequence_problem(
 def stops_problem(
     model: CellModel, job: Job, stops: Mapping[str, Sequence[Stop | None]]
 ) -> SequenceProblem:
-    """Returns stops of one's choice as stages, for postures at them.
+    """Build a sequence problem whose stages are given stops.
 
     Args:
         model: the job's cell.

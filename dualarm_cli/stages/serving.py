@@ -1,4 +1,4 @@
-"""Methods and solvers that support a robot, and the defaults among them."""
+"""Support of robots by methods and redundancy solvers, and the default choices."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ SENTENCES: Mapping[str, str] = {
 
 
 def goes_together(method: str, redundancy: str) -> bool:
-    """Returns whether there is any robot that a method and a redundancy solver serve together."""
+    """Return whether some robot supports a method with a redundancy solver."""
     return redundancy in TOGETHER.get(method, (CLOSED_FORMS,))
 
 
 def own_redundancy(method: str, robot: Robot) -> str:
-    """Returns the redundancy solver that a method takes on a robot where nobody named one."""
+    """Return a method's default redundancy solver on a robot."""
     possible = TOGETHER.get(method, (CLOSED_FORMS,))
     return possible[-1] if robot.without_closed_form else possible[0]
 
 
 def cell_model(cell: Cell, redundancy: str) -> CellModel:
-    """Returns a cell as a redundancy solver sees it: with its closed forms, or without any.
+    """Build a cell's kinematics for a redundancy solver, with or without closed forms.
 
     Raises:
         InputError: an arm is called srs and is not.
@@ -53,7 +53,7 @@ def cell_model(cell: Cell, redundancy: str) -> CellModel:
 
 
 def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings, list[str]]:
-    """Returns settings that serve a robot, and what was taken in place of the defaults.
+    """Replace unsupported default settings; also return the replacements.
 
     Only what nobody named is replaced: a solver that was asked for and does not serve has its reason told.
 
@@ -73,7 +73,7 @@ def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings,
 
 
 def why_no_closed_form(robot: Robot) -> str | None:
-    """Returns why nothing that needs closed forms serves a robot, or None."""
+    """Explain why a robot has no closed-form kinematics; None if it has."""
     if not robot.without_closed_form:
         return None
     return (
@@ -83,12 +83,12 @@ def why_no_closed_form(robot: Robot) -> str | None:
 
 
 def why_redundancy_unserved(redundancy: str, robot: Robot) -> str | None:
-    """Returns why a redundancy solver serves no method on a robot, or None."""
+    """Explain why no method supports a redundancy solver on a robot; None if one does."""
     return why_no_closed_form(robot) if redundancy == CLOSED_FORMS else None
 
 
 def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
-    """Returns why a method with a redundancy solver does not serve a robot, or None.
+    """Explain why a robot does not support method and redundancy solver; None if it does.
 
     Args:
         method: its name.
@@ -111,13 +111,13 @@ def _which(robot: Robot) -> str:
 
 
 ROOM = 0.1
-"""Share of its way from full speed to rest that a joint keeps free towards its limits of position."""
+"""Fraction of its braking distance from full speed that a joint keeps free towards its limits of position."""
 MOST_ROOM = 0.05
 """Share of its range that it keeps free at most."""
 
 
 def with_stopping_room(problem: MethodProblem) -> MethodProblem:
-    """Returns a problem whose arms keep away from their limits of position.
+    """Narrow the joint limits so that line ends can be passed in motion.
 
     What passes the outer end of a line in motion comes to rest beyond it. Wherever joints are given, they are allowed.
 

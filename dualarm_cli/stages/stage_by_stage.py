@@ -1,4 +1,4 @@
-"""Decisions, stage by stage: platform angle by its solver, then one posture per arm."""
+"""Greedy methods: decide stage by stage, platform angle first, then postures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dualarm_cli.timing.stage_length import stage_length
 def choose_stages(
     problem: MethodProblem, platform: str, *, refine: bool = True, count: int | None = None
 ) -> list[StagePlan]:
-    """Decide the stages of a job greedily in their order.
+    """Decide the stages of a job greedily in order.
 
     Args:
         problem: the job, its redundancy solver, and what has to be collision-free.
@@ -45,7 +45,7 @@ def choose_stages_with(
     refine: bool = True,
     count: int | None = None,
 ) -> dict[str, list[StagePlan] | InfeasibleError]:
-    """Decide the stages of a job by several platform solvers, each for itself, or say why one cannot.
+    """Decide the stages of a job by several platform solvers independently.
 
     Stage by stage all of them together, so that postures from every solver's positions are computed at once.
 
@@ -86,7 +86,7 @@ def choose_stages_with(
 
 
 def _starting_there(plan: StagePlan) -> StagePlan:
-    """Returns a stage that begins where its transfer would have ended, and takes no time for it."""
+    """Move the start of the first stage to the end of its transfer."""
     lines, dwells = [], []
     for one in plan.stops.values():
         own = one.problem.transfer_time(one.posture.q_approach - one.problem.start)
@@ -98,7 +98,7 @@ def _starting_there(plan: StagePlan) -> StagePlan:
 
 
 def _return(model: CellModel, clock: Clock, plans: Sequence[StagePlan]) -> StagePlan:
-    """Returns the last transfer, back to where the first one began."""
+    """Build the return to the start of the first transfer."""
     position, first = plans[-1].end, plans[0].start
     moved = first - position
     longest = max(

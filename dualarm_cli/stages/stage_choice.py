@@ -1,4 +1,4 @@
-"""Choice of one stage: postures at given platform positions, and the first feasible position."""
+"""Choice of one stage: postures at the first feasible platform position."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from dualarm_cli.timing.stage_length import stage_length
 def platform_candidates(
     model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem], solver: str
 ) -> Iterator[tuple[str, FloatArray]]:
-    """Yields the solver's platform positions in order of preference, each with the method's name.
+    """Yield a solver's platform positions, preferred first, with the method's name.
 
     No solver of the family has two elbows to balance, and the platform stays where it is, in a stage of joint
     targets only (they turn with it), in a stage with one arm at work, and where it is not one revolute joint.
@@ -59,7 +59,7 @@ def platform_candidates(
 def stage_problem(
     model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem]
 ) -> PlatformProblem:
-    """Returns the platform-angle problem of one stage with both arms at work.
+    """Build the platform-angle problem of a stage in which both arms work.
 
     The wrist centres are those of the transfer's end (the start of the approach), at the first yaw.
     """
@@ -95,7 +95,7 @@ def stage_problem(
 
 
 def _wrist_before_approach(stop: StopProblem) -> FloatArray:
-    """Returns the wrist centre at the start of the approach in the carried frame [m], (3,)."""
+    """Compute the wrist centre at the start of the approach in the carried frame [m], (3,)."""
     R_tool = stop.R_base_tool[0]
     p_tool = stop.p_base_tool[0] - R_tool[:, 2] * stop.approach
     wrist: FloatArray = closed_form(stop.arm).wrist_center(
@@ -105,19 +105,19 @@ def _wrist_before_approach(stop: StopProblem) -> FloatArray:
 
 
 def in_axis_frame(point: FloatArray, angle: float) -> FloatArray:
-    """Returns a point of the carried frame in the platform's fixed axis frame."""
+    """Transform a point from the carried frame to the fixed platform axis frame."""
     c, s = cos(angle), sin(angle)
     x, y, z = point
     return np.array([c * x - s * y, s * x + c * y, z])
 
 
 REACH = "reach"
-"""What a stage's solver is called where none of its angles would do."""
+"""Solver name of a stage at which all of its solver's angles failed."""
 
 
 @dataclass(frozen=True)
 class OpenStage(StageStops):
-    """Stage to be decided, for whatever comes before it."""
+    """Stage to be decided, independent of the previous stages."""
 
     redundancy: str
     """Name of the redundancy solver."""
@@ -126,7 +126,7 @@ class OpenStage(StageStops):
 def choose_stage(
     stage: OpenStage, positions: Mapping[str, FloatArray]
 ) -> dict[str, StagePlan | InfeasibleError]:
-    """Returns by solver the stage at the first platform position at which every arm finds a posture.
+    """Choose by solver the first platform position at which every arm has a posture.
 
     Args:
         stage: what is to be done.
@@ -144,7 +144,7 @@ def first_that_serve(
     positions: Mapping[str, FloatArray],
     tries: Mapping[str, Iterator[tuple[str, FloatArray]]],
 ) -> dict[str, StagePlan | Mapping[str, NoPosture]]:
-    """Returns by name the stage at the first place to try that serves, or the arms' reasons against its own last one.
+    """Return each solver's stage at its first feasible position, or the arms' refusals.
 
     Args:
         stage: what is to be done.
@@ -172,7 +172,7 @@ def first_that_serve(
 def places_to_try(
     stage: OpenStage, position: FloatArray, platform: str
 ) -> Iterator[tuple[str, FloatArray]]:
-    """Yields platform positions to try, each with the name of what gave it."""
+    """Yield platform positions to try, each with its source's name."""
     at_start = stage.at_start(position)
     yield from platform_candidates(stage.model, position, at_start, platform)
     for angles in reachable_positions(stage.model, position, at_start):
@@ -184,7 +184,7 @@ def try_places(
     positions: Mapping[str, FloatArray],
     places: Mapping[str, tuple[str, FloatArray]],
 ) -> dict[str, StagePlan | dict[str, NoPosture]]:
-    """Returns by solver the stage at one platform position, or every arm's reason against it.
+    """Plan the stage at one platform position by solver, or explain each arm's refusal.
 
     Args:
         stage: what is to be done.
@@ -224,7 +224,7 @@ def made_apart(
     problems: Mapping[str, StopProblem],
     postures: dict[str, StopPosture | NoPosture],
 ) -> dict[str, StopPosture | NoPosture]:
-    """Returns postures of two arms that are clear of each other: of one of them, another one where they do not.
+    """Replace one arm's posture if the postures of two arms collide.
 
     Where nothing else is found, they need to only where their retracts end: one may wait for the other.
 
@@ -264,7 +264,7 @@ def stage_plan(
     problems: Mapping[str, StopProblem],
     postures: Mapping[str, StopPosture | NoPosture],
 ) -> StagePlan | dict[str, NoPosture]:
-    """Returns the stage from its postures, or the reasons against it."""
+    """Build the stage from its postures, or explain its refusal."""
     reasons = {arm: one for arm, one in postures.items() if isinstance(one, NoPosture)}
     if reasons:
         return reasons
@@ -291,7 +291,7 @@ def stage_plan(
 def explain_clearance(
     stage: OpenStage, keep: StageCollisionTest, position: FloatArray
 ) -> tuple[dict[str, Refusal], bool]:
-    """Returns by arm what it is too near to whatever it does, or what both are where each alone could do it.
+    """Explain by arm which bodies collide in every posture.
 
     And whether that is so at all platform angles.
     """
@@ -311,7 +311,7 @@ def explain_clearance(
 def explain(
     stage: OpenStage, position: FloatArray, reasons: Mapping[str, NoPosture]
 ) -> InfeasibleError:
-    """Returns what a person needs to repair a stage that cannot be made: only the arms at fault.
+    """Explain an infeasible stage by the arms at fault.
 
     Where it is reached and lacks clearance, a BlockedError with the stage: in another order that may be different.
     """

@@ -1,1 +1,1 @@
-"""A first project for a robot: cell, tasks, study and CI workflow, with targets that this robot reaches."""
+"""First project for a robot: cell, reachable tasks, study and CI workflow."""

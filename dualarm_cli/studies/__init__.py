@@ -1,1 +1,1 @@
-"""Layout studies: points over parameters, planned, ranked, and what matters of them."""
+"""Layout studies: plan points of a parameter space, rank them, and analyse sensitivity."""

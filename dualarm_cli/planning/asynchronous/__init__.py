@@ -1,1 +1,1 @@
-"""Plans of asynchronous arms: each arm's motion, and when it waits for the other one."""
+"""Plans of asynchronous arms: each arm's motion and its waits for the other."""

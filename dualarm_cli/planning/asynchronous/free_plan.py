@@ -1,4 +1,4 @@
-"""Plans of asynchronous arms: the platform stands where both work, each arm goes its own way.
+"""Asynchronous plans: the platform stands while each arm moves by its own clock.
 
 Parts that lie while arms move by their own clocks.
 """
@@ -40,33 +40,33 @@ from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate, hold
 
 SPREADS = (1, 2, 4)
-"""By how many steps what is blocked is made larger, one after the other, until all is collision-free."""
+"""Growth of the blocked region [steps], tried in turn until the motion is clear."""
 CHUNK = 4000
 """Instants whose clearance is looked at together."""
 
 
 @dataclass(frozen=True)
 class OwnWay:
-    """One arm's way as if it were alone, and what it came from."""
+    """Motion of one arm alone, with its plan."""
 
     clock: OwnClock
     """With stops at both ends of all lines."""
     problem: MethodProblem
-    """What was asked of the method."""
+    """Problem of the method."""
     found: ClearedPlan | None
     """What it answered, cleared; None where the arm has nothing to do."""
 
 
 @dataclass(frozen=True)
 class FreePlanner:
-    """What plans of asynchronous arms are made with."""
+    """Planner of asynchronous arms."""
 
     problem: MethodProblem
     """The job, decided, and how hard to try."""
     solve: Callable[[MethodProblem], Decided]
-    """How one arm's postures are chosen."""
+    """Method that chooses one arm's postures."""
     timing: TimingSolver
-    """How motions are timed."""
+    """Solver that times motions."""
     tell: Callable[[str], None]
     """Receives what is being done."""
     clear: bool
@@ -76,10 +76,10 @@ class FreePlanner:
     the last tasks end."""
 
     def plan(self, angle: FloatArray) -> Motion:
-        """Returns the motion with the platform standing at an angle (k,) while tools work.
+        """Plan the motion with the platform at an angle (k,) during tool work.
 
         Raises:
-            InfeasibleError: an arm has no way of its own, or no collision-free motion of both together was found.
+            InfeasibleError: an arm has no motion of its own, or no collision-free motion of both together was found.
         """
         job = self.problem.job
         start = np.array(job.start_joints)
@@ -133,7 +133,7 @@ class FreePlanner:
         turns: tuple[Trajectory, Trajectory | None],
         cell: CellClearance | None,
     ) -> tuple[Motion, tuple[list[Wait], ...]] | None:
-        """Returns the motion of all arms together and their waits, None where none was found."""
+        """Coordinate all arms; return their motion and waits, or None."""
         job, ready = self.problem.job, turns[0].duration
         for apart in (False, True) if ready > 0.0 else (False,):
             leave = ready if apart else 0.0
@@ -148,7 +148,7 @@ class FreePlanner:
         return None
 
     def _own(self, model: CellModel, name: str, work: FloatArray) -> OwnWay:
-        """Returns one arm's way through its stops, as if it were alone, with all stops."""
+        """Plan one arm alone through its stops."""
         job, arm = self.problem.job, model.arms[name]
         tasks = tuple(task for task in job.tasks if task.arm == name)
         if not tasks and self.end is None:
@@ -173,13 +173,13 @@ class FreePlanner:
         return OwnWay(self._clock(problem, name, motion), problem, found)
 
     def _clock(self, problem: MethodProblem, name: str, motion: Motion) -> OwnClock:
-        """Returns one arm's way with the way to where it has to be at the end."""
+        """Append an arm's transfer to its final position."""
         if self.end is not None:
             motion = self._ended(problem, name, motion)
         return OwnClock.of(motion, name, problem.model.arms[name].arm.joints)
 
     def _blended(self, way: OwnWay, waits: Sequence[float], *, ready: bool) -> OwnClock:
-        """Returns an arm's way without stops at the outer ends of lines, but where it waits or may have to.
+        """Blend an arm's line ends, except at its waits.
 
         Args:
             way: with all stops.
@@ -201,11 +201,11 @@ class FreePlanner:
         return self._clock(way.problem, name, found.cleared.motion)
 
     def _still(self, model: CellModel, work: FloatArray) -> Motion:
-        """Returns no motion at all."""
+        """Return a motion without movement."""
         return Motion(hold(model.cell.robot.joints, work, 0.0), (), (), ())
 
     def _ended(self, problem: MethodProblem, name: str, motion: Motion) -> Motion:
-        """Returns one arm's motion with its way to where it has to be at the end."""
+        """Append an arm's transfer to its final position to its motion."""
         assert self.end is not None  # callers have looked
         columns = self.problem.model.arms[name].columns
         here = np.asarray(motion.trajectory.position[-1])
@@ -233,7 +233,7 @@ class FreePlanner:
         return both.build(cell.robot)
 
     def _turn(self, start: FloatArray, work: FloatArray) -> Trajectory:
-        """Returns the platform's motion from the start to where it stands while tools work."""
+        """Plan the platform's move from the start to its working position."""
         model, job = self.problem.model, self.problem.job
         robot = job.cell.robot
         if not robot.platform:
@@ -255,7 +255,7 @@ class FreePlanner:
         *,
         apart: bool,
     ) -> Motion:
-        """Returns the arms' ways with their waits, and the platform's, as one motion."""
+        """Join the arms' motions with waits and the platform's move."""
         robot, (turn, back) = self.problem.job.cell.robot, turns
         clocks = tuple(c.with_waits(list(w)) for c, w in zip(clocks, waits, strict=True))
         over = max(clock.last_line() for clock in clocks)
@@ -289,7 +289,7 @@ class FreePlanner:
 
 
 def _to_end(clock: OwnClock, length: float) -> list[Segment]:
-    """Returns an arm's segments, and that it waits at its end for the other one."""
+    """Return an arm's segments, with a final wait for the other arm."""
     parts = list(clock.segments)
     end = max((part.end for part in parts), default=0.0)
     if length - end > 1e-9:
@@ -298,7 +298,7 @@ def _to_end(clock: OwnClock, length: float) -> list[Segment]:
 
 
 def _reversed(motion: Trajectory) -> Trajectory:
-    """Returns a motion from its end to its start."""
+    """Reverse a motion in time."""
     return Trajectory(
         motion.joints,
         (motion.time[-1] - motion.time)[::-1],
@@ -309,7 +309,7 @@ def _reversed(motion: Trajectory) -> Trajectory:
 
 
 def _is_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
-    """Returns whether everything is clear of everything along a whole motion."""
+    """Return whether a whole motion is collision-free."""
     duration, step = motion.trajectory.duration, STEP / job.speed
     count = max(2, int(np.ceil(duration / step)) + 1)
     time = np.minimum(step * np.arange(count), duration)

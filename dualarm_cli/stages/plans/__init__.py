@@ -1,1 +1,1 @@
-"""Plans of all stages together as numbers: what is decided, and what it means in joints and seconds."""
+"""Plans of whole sequences as arrays: decisions, joints and times."""

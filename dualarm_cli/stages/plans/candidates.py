@@ -1,4 +1,4 @@
-"""Candidates of one arm at its stops, in joints and seconds, wherever they come from."""
+"""Candidate postures of one arm at its stops, with joints and line times."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BETWEEN = (2, 4, LINE_SAMPLES + 1, LINE_SAMPLES + 3)
 
 @dataclass(frozen=True)
 class CandidatePostures:
-    """Many candidates of one arm, in joints and seconds."""
+    """Candidate postures of one arm with joints and line times."""
 
     q_approach: FloatArray
     """Joints where the approach starts [rad], shape (n, joints)."""
@@ -34,24 +34,24 @@ class CandidatePostures:
     work: FloatArray
     """Time of approach, dwell and retract [s]; infinite where the candidate cannot be, shape (n,)."""
     approach: FloatArray
-    """What each joint asks for on the approach from rest to rest [s], shape (n, joints); the largest is its time."""
+    """Rest-to-rest time of each joint on the approach [s], shape (n, joints); the largest is its time."""
     retract: FloatArray
-    """What each joint asks for on the retract [s], shape (n, joints)."""
+    """Rest-to-rest time of each joint on the retract [s], shape (n, joints)."""
     q_between: FloatArray
     """Joints at two places on the approach and at two on the retract [rad], shape (n, 4, joints)."""
     shares: FloatArray
-    """How long approach and retract take, in those times: 1 from rest to rest, shape (n, 2)."""
+    """Durations of approach and retract relative to those times: 1 from rest to rest, shape (n, 2)."""
     rates: FloatArray
     """Velocities and accelerations with which the approach begins and the retract ends, 0 at rest, shape (n, 2, 2,
     joints)."""
 
     @property
     def possible(self) -> BoolArray:
-        """Which candidates are within reach and limits all along, shape (n,)."""
+        """Flags of candidates within reach and limits on both lines, shape (n,)."""
         return np.isfinite(self.work)
 
     def where(self, mask: BoolArray, other: CandidatePostures) -> CandidatePostures:
-        """Returns these where the mask (stages, plans) says so, else the other ones, which have one plan only."""
+        """Select between these candidates and single-plan ones by a mask (stages, plans)."""
         parts = {}
         for field in fields(self):
             mine, theirs = getattr(self, field.name), getattr(other, field.name)[:, None]
@@ -60,13 +60,13 @@ class CandidatePostures:
         return CandidatePostures(**parts)
 
     def take(self, rows: IntArray) -> CandidatePostures:
-        """Returns some rows."""
+        """Select rows."""
         return CandidatePostures(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 @dataclass(frozen=True)
 class Grid:
-    """How finely nodes are set."""
+    """Resolution of the nodes of a stop."""
 
     angles: FloatArray
     """Platform angles [rad], shape (f,); one where it cannot be turned."""
@@ -78,12 +78,12 @@ class Grid:
 
 @dataclass(frozen=True)
 class Nodes:
-    """The nodes of one arm at one stop; n of them."""
+    """The n nodes of one arm at one stop."""
 
     angle_index: IntArray
     """Index of the platform angle within the grid's, shape (n,)."""
     decisions: ArmDecisions
-    """What each node means; `near` has its joints at the target."""
+    """Decisions of each node; `near` has its joints at the target."""
     q_approach: FloatArray
     """Joints where the approach starts [rad], shape (n, joints)."""
     q_retract: FloatArray
@@ -99,7 +99,7 @@ class Nodes:
         return self.decisions.near
 
     def take(self, rows: IntArray) -> Nodes:
-        """Returns some of the nodes."""
+        """Select nodes."""
         return Nodes(
             self.angle_index[rows],
             self.decisions.take(rows),
@@ -111,7 +111,7 @@ class Nodes:
 
 
 def thinned(nodes: Nodes, most: int) -> Nodes:
-    """Returns at most so many nodes, spread evenly over platform angles and line times."""
+    """Select a limited number of nodes, spread evenly over platform angles and line times."""
     n = len(nodes.work)
     if n <= most:
         return nodes
@@ -122,7 +122,7 @@ def thinned(nodes: Nodes, most: int) -> Nodes:
 def timed_postures(
     work: ArmWork, q: FloatArray, ok: BoolArray, bulge: FloatArray, dwell: FloatArray
 ) -> CandidatePostures:
-    """Returns candidates whose lines are followed, judged by the joints' limits and timed by the closed-form estimate.
+    """Check candidates with traced lines against joint limits and time them in closed form.
 
     Args:
         work: their arm.
@@ -150,7 +150,7 @@ def timed_postures(
 
 
 def bulges(steps: FloatArray) -> FloatArray:
-    """Returns how far joints may be beyond each sample next to it [rad], shape (n, samples, joints).
+    """Bound joint deviations between neighbouring samples [rad], shape (n, samples, joints).
 
     A parabola through three samples is beyond the chord by an eighth of the second difference at most; a little more is
     kept. The two lines meet at the middle sample with a bend that means nothing.

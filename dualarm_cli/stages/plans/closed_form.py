@@ -1,4 +1,4 @@
-"""Candidates of arms with closed forms: nodes on a grid of arm angles and branches, and what candidates mean."""
+"""Candidates of arms with closed forms: grid nodes over arm angles and branches."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def postures(
     angle: FloatArray,
     candidates: ArmDecisions,
 ) -> CandidatePostures:
-    """Returns joints and line times of many candidates.
+    """Compute joints and line times of candidates.
 
     Exact inverse kinematics at LINE_SAMPLES samples of each line, the branch fixed and the angles unwrapped from the
     target outward; lines timed by the closed-form estimate.
@@ -100,7 +100,7 @@ def _at_configurations(
     ok: BoolArray,
     middle: int,
 ) -> tuple[FloatArray, BoolArray]:
-    """Returns paths and feasibility with given configurations taken as they are.
+    """Replace paths and feasibility of candidates at given configurations.
 
     The configuration itself counts, also where a singular wrist has others for the same pose; a line must start in it.
     """
@@ -119,14 +119,14 @@ def _at_configurations(
 
 
 def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions:
-    """Return candidates as they are: they mean the same wherever they are counted from."""
+    """Return candidates unchanged: closed forms need no reference posture."""
     return candidates
 
 
 def lines_hold(
     problem: SequenceProblem, arm: int, angle: FloatArray, rows: ArmDecisions
 ) -> BoolArray:
-    """Return that lines hold between their samples in all stages, shape (n,)."""
+    """Return True for all stages: closed forms follow lines exactly, shape (n,)."""
     return np.ones(problem.stages, dtype=np.bool_)
 
 
@@ -142,7 +142,7 @@ def grid_nodes(
     grid: Grid,
     near: ArmDecisions | None = None,
 ) -> Nodes:
-    """Returns the nodes of one arm at one stop, none where it cannot be reached.
+    """Compute the nodes of one arm at one stop; empty if out of reach.
 
     At every platform angle, target arm angle, branch and yaw, the approach and the retract swing the arm angle so
     that the joints move least; lines count a little more than the rest-to-rest time of what their joints move.
@@ -208,7 +208,7 @@ def _yaws(stop: StopTarget, free_last: bool, count: int) -> FloatArray:
 def _configuration_nodes(
     problem: SequenceProblem, arm: int, stage: int, stop: StopTarget, grid: Grid
 ) -> Nodes:
-    """Returns given configurations at every platform angle, with the best of several swings."""
+    """Compute nodes of given configurations at every platform angle, with the best swings."""
     work = problem.arms[arm]
     assert stop.configurations is not None
     m = len(stop.configurations)

@@ -1,4 +1,4 @@
-"""Candidates of arms without closed forms: inverse kinematics from many starts, lines followed by continuation."""
+"""Candidates of arms without closed forms: numeric inverse kinematics and line continuation."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def postures(
     angle: FloatArray,
     candidates: ArmDecisions,
 ) -> CandidatePostures:
-    """Returns joints and line times of many candidates, as the closed forms' function of this name does.
+    """Compute joints and line times of candidates, like `closed_form.postures`.
 
     Newton's method from each candidate's own posture, then continuation along its lines; given configurations are
     taken as they are. In stages in which the arm is idle nothing is looked for.
@@ -80,7 +80,7 @@ def _postures(
 
 
 def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions:
-    """Returns the same candidates, where they are possible counted from their own postures at the targets."""
+    """Make feasible candidates their own reference postures."""
     ok = found.possible
     swing = np.where(ok, candidates.psi_target, 0.0)
     return replace(
@@ -95,7 +95,7 @@ def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions
 def lines_hold(
     problem: SequenceProblem, arm: int, angle: FloatArray, rows: ArmDecisions
 ) -> BoolArray:
-    """Returns in which stages lines from postures at the targets can be followed at many samples, shape (n,).
+    """Return in which stages lines can be traced at fine resolution, shape (n,).
 
     Args:
         problem: the sequence.
@@ -115,7 +115,7 @@ def lines_hold(
 
 
 def given_postures(work: ArmWork, rows: ArmDecisions, q: FloatArray) -> ArmDecisions:
-    """Return candidates that are at given configurations (n, joints) [rad]."""
+    """Return candidates at given configurations (n, joints) [rad]."""
     return rows.at(q)
 
 
@@ -145,7 +145,7 @@ def _grid_nodes(
     grid: Grid,
     thorough: bool,
 ) -> Nodes:
-    """Returns the nodes of one arm at one stop, none where it cannot be reached.
+    """Compute the nodes of one arm at one stop; empty if out of reach.
 
     At every platform angle and yaw the postures that inverse kinematics finds, with a spare joint others along their
     self-motion, all with the whole turns that limits allow; lines count a little more than the rest-to-rest time
@@ -186,7 +186,7 @@ def _nodes_around(
     angles: FloatArray,
     plan: ArmDecisions,
 ) -> Nodes:
-    """Returns nodes around what a plan does at a stop: platform angles (f,) [rad], self-motion and drifts varied."""
+    """Vary self-motion and drifts of a plan's stop at platform angles (f,) [rad]."""
     work = problem.arms[arm]
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
@@ -220,7 +220,7 @@ def _nodes_around(
 
 
 def _together(some: Nodes, others: Nodes) -> Nodes:
-    """Returns the nodes of both, in order of their platform angles."""
+    """Merge two sets of nodes in order of their platform angles."""
     decisions = ArmDecisions(
         *(
             np.concatenate([x, y])
@@ -256,7 +256,7 @@ def _poses(
     angle: FloatArray,
     rows: ArmDecisions,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns flange rotations, positions and tool directions of candidates at their targets."""
+    """Compute flange rotations, positions and tool directions of candidates at their targets."""
     table = work.stop_table
     row = table.first[stage] + rows.target
     position = platform_positions(problem, angle)
@@ -271,7 +271,7 @@ def _followed(
     q: FloatArray,
     samples: int,
 ) -> tuple[FloatArray | None, BoolArray]:
-    """Returns the joints along both lines from the targets outward, and which candidates' lines can be followed.
+    """Trace both lines outward from the targets; also flag feasible candidates.
 
     Args:
         general: the arm, with the limits that count.
@@ -307,7 +307,7 @@ def _targets(
     grid: Grid,
     thorough: bool,
 ) -> tuple[IntArray, ArmDecisions]:
-    """Returns the platform angles' indices (n,) and n postures at the targets, their lines still to be followed."""
+    """Solve postures at the targets, with platform-angle indices (n,)."""
     f, stop = len(grid.angles), work.stops[stage]
     assert stop is not None  # callers ask for active stages only
     if stop.configurations is not None:
@@ -347,7 +347,7 @@ def _beside(
     q: FloatArray,
     along: FloatArray,
 ) -> tuple[IntArray, FloatArray]:
-    """Returns postures (k, joints) at poses (k,) together with others at ways (s,) [rad] along their self-motion."""
+    """Extend postures (k, joints) by offsets (s,) along their self-motion [rad]."""
     each = np.repeat(np.arange(len(pose)), len(along))
     of = pose[each]
     beside, met = moved_along(general, q[each], R[of], p[of], np.tile(along, len(pose)))
@@ -361,19 +361,19 @@ def _yaws(stop: StopTarget, count: int) -> FloatArray:
 
 
 def _rows(work: ArmWork, target: IntArray, yaw: FloatArray, q: FloatArray) -> ArmDecisions:
-    """Returns candidates that are at joints (n, joints) [rad] at their targets, without drifts along their lines."""
+    """Return candidates at target joints (n, joints) [rad], without drift along lines."""
     zero = np.zeros(len(q))
     return ArmDecisions(target, yaw, _branch(work, q), zero, zero, zero, q)
 
 
 def _branch(work: ArmWork, q: FloatArray) -> IntArray:
-    """Returns a number that tells in which half of its range every joint is, shape (n,)."""
+    """Encode in which half of its range every joint is, shape (n,)."""
     upper = q[:, :12] > work.kinematics.middle[:12]
     return np.asarray(product(upper, 1 << np.arange(upper.shape[1])), dtype=np.int64)
 
 
 def _with_turns(work: ArmWork, nodes: Nodes, most: int) -> Nodes:
-    """Returns nodes together with the same ones whole turns away, as far as limits allow.
+    """Add copies of nodes whole turns away, within limits.
 
     Where these are more than `most`, every node keeps its share of them, those nearest to the start: of a joint with
     limits of a turn either way that is next to the start its own turn, of one half a turn away the other way, too.

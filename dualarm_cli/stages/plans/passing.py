@@ -1,4 +1,4 @@
-"""Candidates and transfers as tools pass the outer ends of lines in motion, in given launches: estimates.
+"""Estimated times of lines and transfers that pass line ends in motion.
 
 A launch (`plans/launches`) makes a line the first part of one profile, which fixes the motion at its outer end;
 the transfer between two such states is ruckig's, its limits of position left out. Our own.
@@ -20,7 +20,7 @@ from dualarm_cli.timing.shapes import lagrange_basis
 
 
 def passed(work: ArmWork, launches: IntArray, found: CandidatePostures) -> CandidatePostures:
-    """Returns candidates whose lines' outer ends are passed in motion.
+    """Apply launches to candidates, so that their line ends are passed in motion.
 
     Args:
         work: their arm.
@@ -54,7 +54,7 @@ _INTERPOLATION = lagrange_basis(np.linspace(0.0, 1.0, 4), np.linspace(0.0, 1.0, 
 
 
 def outwards(found: CandidatePostures, line: int) -> FloatArray:
-    """Returns the joints along approaches (0) or retracts (1), from the target outwards, shape (n, 17, joints)."""
+    """Return joints along approaches (0) or retracts (1), target first, (n, 17, joints)."""
     near, far = (1, 0) if line == 0 else (2, 3)
     ends = found.q_retract if line else found.q_approach
     four = np.stack(
@@ -69,7 +69,7 @@ def transfer_times(
     leaving: tuple[FloatArray, FloatArray],
     arriving: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
-    """Returns how long transfers take from every state to every state of the same row [s], shape (r, p, m).
+    """Time transfers between all states of the same row [s], shape (r, p, m).
 
     As long as from rest to rest where ruckig has none; limits of position do not count.
 
@@ -95,7 +95,7 @@ def _moving(rates: FloatArray) -> BoolArray:
 
 
 def _states(q: FloatArray, rates: FloatArray) -> list[list[list[list[float]]]]:
-    """Returns positions, velocities and accelerations of every row's states."""
+    """Return position, velocity and acceleration of every row's states."""
     found: list[list[list[list[float]]]] = np.concatenate([q[:, :, None], rates], axis=2).tolist()
     return found
 
@@ -106,7 +106,7 @@ def timed_slopes(
     arriving: tuple[FloatArray, FloatArray],
     rest: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns each joint's time [s] and its slope by the displacement [s/rad], its rates kept, shape (r, joints).
+    """Compute joint times [s] and their slopes by displacement [s/rad], shape (r, joints).
 
     Args:
         work: the arm.

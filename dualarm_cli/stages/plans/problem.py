@@ -1,4 +1,4 @@
-"""A job's stages as numbers: what the search over the whole sequence is asked and what it answers."""
+"""Sequence problem and plan of the search over all stages, as arrays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dualarm_cli.stages.plans.clearance import SequenceClearance
 
 @dataclass(frozen=True)
 class StopTarget:
-    """Where one arm's tool has to stop, and what it does there."""
+    """Target of one arm's stop: pose or configurations, lines and dwell."""
 
     R_world_tool: FloatArray
     """Rotation of the tool centre point in the world, shape (3, 3); ignored for configurations."""
@@ -39,50 +39,50 @@ class StopTarget:
     retract: float
     """Length of the straight line away from it [m]."""
     dwell: float
-    """How long the tool stands still at the target [s]."""
+    """Dwell at the target [s]."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("R_world_tool", "p_world_tool", "yaw"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
 @dataclass(frozen=True)
 class ArmWork:
-    """One arm and its stops, stage by stage."""
+    """Kinematics, limits and stops of one arm, stage by stage."""
 
     name: str
     """Name of the arm."""
     kinematics: PostureSource
-    """In the frame that carries the arms."""
+    """Kinematics of the arm in the carried frame."""
     limits: JointLimits
-    """Of its joints."""
+    """Limits of the arm's joints."""
     law: RestToRest
-    """Rest-to-rest times of its joints."""
+    """Rest-to-rest timing law of the joints."""
     R_tool_flange: FloatArray
     """Rotation of the flange in the tool frame, shape (3, 3)."""
     p_tool_flange: FloatArray
     """Position of the flange in the tool frame [m], shape (3,)."""
     stops: tuple[StopTarget | None, ...]
-    """Its target in each stage; None where it has nothing to do and stands still."""
+    """Target in each stage; None in idle stages."""
     start: FloatArray
     """Joints before the first stage [rad], shape (joints,); not used where the start is free."""
     robot_limits: JointLimits | None = None
-    """The robot's own limits, where those keep joints away from theirs; what is in motion may come nearer to them."""
+    """Limits of the robot, valid in motion, if `limits` keep a margin; else None."""
 
     @property
     def joints(self) -> int:
-        """Number of its joints; the last one has the column before."""
+        """Number of joints of the arm."""
         return len(self.start)
 
     @property
     def spare(self) -> int:
-        """Number of its joints beyond the six that a pose asks for."""
+        """Number of joints beyond the six of a pose."""
         return self.joints - 6
 
     @property
     def closed_form(self) -> SrsArm:
-        """Its closed-form kinematics.
+        """Closed-form kinematics of the arm.
 
         Raises:
             UnsupportedError: it has none.
@@ -91,12 +91,12 @@ class ArmWork:
 
     @cached_property
     def stop_table(self) -> StopTable:
-        """The stops in arrays."""
+        """Stops of the arm as arrays."""
         return StopTable.of(self)
 
     @property
     def yaw_turns_last_joint(self) -> bool:
-        """Whether the search takes the last joint as free where yaw is.
+        """Whether a free yaw leaves the last joint free.
 
         Of arms without an arm angle it does not: their nodes have several yaws.
         """
@@ -104,7 +104,7 @@ class ArmWork:
 
     @property
     def last_axis_is_tools(self) -> bool:
-        """Whether turning the tool about its z axis is turning the last joint: one axis, pointing alike or not."""
+        """Whether the last joint's axis coincides with the tool's z axis."""
         axis, point = self.kinematics.last_axis
         z_tool = self.R_tool_flange.T[:, 2]
         if norm(np.cross(axis, z_tool)) > 1e-9:
@@ -116,35 +116,35 @@ class ArmWork:
 
 @dataclass(frozen=True)
 class StopTable:
-    """The stops of one arm, a row per stage and per alternative configuration of it."""
+    """Stops of one arm as arrays, a row per stage and alternative configuration."""
 
     first: IntArray
     """Row of each stage's first alternative, shape (n,); idle stages have some row of no meaning."""
     active: BoolArray
-    """Which stages the arm has something to do in, shape (n,)."""
+    """Flags of stages in which the arm works, shape (n,)."""
     R: FloatArray
     """Tool rotations, in the world or (configurations) in the carried frame, shape (m, 3, 3)."""
     p: FloatArray
     """Tool positions likewise [m], shape (m, 3)."""
     carried: BoolArray
-    """Which rows are configurations, and so move with the platform, shape (m,)."""
+    """Flags of configuration rows, which move with the platform, shape (m,)."""
     configuration: FloatArray
-    """Their joints [rad], shape (m, joints); zeros elsewhere."""
+    """Joints of configuration rows [rad], shape (m, joints); zeros elsewhere."""
     approach: FloatArray
     """Length of each stage's approach [m], shape (n,)."""
     retract: FloatArray
     """Length of each stage's retract [m], shape (n,)."""
     dwell: FloatArray
-    """How long the tool stands still in each stage [s], shape (n,)."""
+    """Dwell of each stage [s], shape (n,)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("R", "p", "configuration", "approach", "retract", "dwell"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @classmethod
     def of(cls, arm: ArmWork) -> StopTable:
-        """Put an arm's stops in arrays."""
+        """Convert an arm's stops to arrays."""
         first: list[int] = []
         R: list[FloatArray] = []
         p: list[FloatArray] = []
@@ -167,7 +167,7 @@ class StopTable:
             carried.extend([True] * len(stop.configurations))
             configuration.extend(stop.configurations)
         if not R:
-            # An arm without any stop: one row of no meaning, so that idle stages have some.
+            # An arm without stops gets one placeholder row for its idle stages.
             R, p, carried, configuration = (
                 [np.eye(3)],
                 [np.zeros(3)],
@@ -190,7 +190,7 @@ class StopTable:
 
 @dataclass(frozen=True)
 class SequenceProblem:
-    """Stages in fixed order; the fastest rest-to-rest plan through all of them is asked for.
+    """Fixed order of stages for which the fastest rest-to-rest plan is sought.
 
     In a stage platform and arms leave together; an arm's approach begins when its own transfer and the platform's are
     over; approach, dwell and retract follow; the stage ends when the last arm is done. In a hand-over all lines and
@@ -206,34 +206,34 @@ class SequenceProblem:
     platform_start: FloatArray
     """Platform joints before the first stage [rad], shape (k,), and always where it cannot be turned."""
     arms: tuple[ArmWork, ...]
-    """One or two arms; every one has as many stops as there are stages."""
+    """Arms, one or two, each with an entry per stage."""
     free_start: bool
     """Whether the motion may begin anywhere: it then begins where the first transfer would end."""
     returns: bool
     """Whether the motion ends in its start, with a last transfer of platform and all arms."""
     handing: tuple[bool, ...] = ()
-    """Which stages are hand-overs; empty for none."""
+    """Flags of hand-over stages; empty for none."""
     clearance: SequenceClearance | None = None
-    """What is collision-free; None where nothing is asked for."""
+    """Collision test; None disables collision checking."""
     launches: tuple[IntArray, ...] | None = None
     """Launch numbers of approach and retract by arm, shape (n, 2) each; None if all line ends are at rest."""
     with_margin: tuple[ArmWork, ...] = ()
-    """The arms with limits of position that leave room to pass lines' ends in motion; empty without any."""
+    """Arms with narrowed position limits for line ends in motion; empty without."""
     settings: SequenceSettings = SequenceSettings()
     """Numbers of the search."""
 
     def under(self, law: Callable[[RestToRest], RestToRest]) -> SequenceProblem:
-        """Return the same stages with another law of the arms' joints.
+        """Return the same stages under another timing law of the arms' joints.
 
         Args:
-            law: makes it of the law from rest to rest.
+            law: function of the rest-to-rest law.
         """
         arms = tuple(replace(arm, law=law(arm.law)) for arm in self.arms)
         return replace(self, arms=arms)
 
     @property
     def has_arm_angles(self) -> bool:
-        """Flag of problems whose arms all have closed forms over an arm angle."""
+        """Whether all arms have closed forms over an arm angle."""
         return all(work.kinematics.has_arm_angle for work in self.arms)
 
     @property
@@ -243,40 +243,40 @@ class SequenceProblem:
 
     @property
     def together(self) -> IntArray:
-        """Numbers of the stages that are hand-overs."""
+        """Indices of the hand-over stages."""
         return np.flatnonzero(self.hands_over)
 
     @property
     def hands_over(self) -> BoolArray:
-        """Which stages are hand-overs, shape (n,); empty where it is not said."""
+        """Flags of hand-over stages, shape (n,); empty if not given."""
         return np.array(self.handing, dtype=np.bool_)
 
     @property
     def turns(self) -> bool:
-        """Whether there is a platform angle to choose."""
+        """Whether the platform angle is a decision."""
         return self.platform_law is not None
 
 
 @dataclass(frozen=True)
 class ArmDecisions:
-    """What is decided for one arm; every array has a row per stage (n), idle stages' rows mean nothing.
+    """Decisions of one arm, arrays with a row per stage (n); idle rows are arbitrary.
 
     The same type carries many candidates of one stage: rows are then candidates. An arm without closed forms has no
-    arm angle: each psi is then a way along its self-motion, which is counted from `near` (`moved_along`,
+    arm angle: each psi is then a distance along its self-motion, which is counted from `near` (`moved_along`,
     `LineFollowing`); all are 0 for an arm without a spare joint.
     """
 
     target: IntArray
-    """Which configuration was taken; 0 for poses, shape (n,)."""
+    """Index of the chosen configuration; 0 for poses, shape (n,)."""
     yaw: FloatArray
     """Turn about the tool's z axis [rad], shape (n,)."""
     branch: IntArray
     """Branch of the inverse kinematics, shape (n,)."""
     psi_target: FloatArray
-    """Arm angle at the target [rad], shape (n,); without closed forms the way along the self-motion from `near`."""
+    """Arm angle at the target [rad], shape (n,); without closed forms the self-motion distance from `near`."""
     psi_approach: FloatArray
     """Arm angle where the approach starts [rad]; linear along the line, shape (n,). Without closed forms its difference
-    from `psi_target` is the way along the self-motion that comes with the approach, from the target outward."""
+    from `psi_target` is the drift along the self-motion during the approach, from the target outward."""
     psi_retract: FloatArray
     """Arm angle where the retract ends [rad]; linear along the line, shape (n,). Without closed forms as for the
     approach."""
@@ -286,31 +286,31 @@ class ArmDecisions:
 
     @classmethod
     def idle(cls, start: FloatArray, stages: int) -> ArmDecisions:
-        """Returns rows that mean nothing yet.
+        """Return placeholder rows for idle stages.
 
         Args:
             start: the arm's joints before the first stage [rad], shape (joints,).
-            stages: how many rows.
+            stages: number of rows.
         """
         number, angle = np.zeros(stages, dtype=np.int64), np.zeros(stages)
         return cls(number, angle, number, angle, angle, angle, np.tile(start, (stages, 1)))
 
     def take(self, rows: IntArray | slice) -> ArmDecisions:
-        """Returns some rows, in the order of the index."""
+        """Select rows in the order of the index."""
         return ArmDecisions(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def at(self, q_target: FloatArray) -> ArmDecisions:
-        """Returns the same with whole turns of the joints as at given targets, shape (n, joints) [rad]."""
+        """Set the reference joints of the whole turns [rad], shape (n, joints)."""
         return replace(self, near=q_target)
 
     def compact(self) -> ArmDecisions:
-        """Returns the same in half the memory, angles to 2e-7 rad."""
+        """Convert to single precision, with angles accurate to 2e-7 rad."""
         small = {np.dtype(np.float64): np.float32, np.dtype(np.int64): np.int16}
         values = (getattr(self, field.name) for field in fields(self))
         return ArmDecisions(*(v.astype(small.get(v.dtype, v.dtype)) for v in values))
 
     def put(self, rows: IntArray, other: ArmDecisions) -> ArmDecisions:
-        """Returns these decisions with some rows replaced by all of another's."""
+        """Replace rows by all rows of other decisions."""
         merged = {}
         for field in fields(self):
             values = np.array(getattr(self, field.name))
@@ -321,29 +321,29 @@ class ArmDecisions:
 
 @dataclass(frozen=True)
 class Decisions:
-    """A whole plan as numbers."""
+    """Decisions of a whole plan."""
 
     angle: FloatArray
     """Platform angle of each stage [rad], shape (n,); where it cannot be turned, zeros."""
     arms: tuple[ArmDecisions, ...]
-    """By arm, in the problem's order."""
+    """Decisions by arm, in the problem's order."""
 
     @property
     def kind(self) -> bytes:
-        """Branches, targets and yaws: polishing may turn plans of one kind into each other."""
+        """Key of branches, targets and yaws; polishing keeps it."""
         rows = [np.stack([arm.branch, arm.target, np.round(arm.yaw, 6)]) for arm in self.arms]
         return np.concatenate(rows).tobytes()
 
     def take(self, rows: IntArray) -> Decisions:
-        """Returns those of some stages."""
+        """Select the rows of given stages."""
         return Decisions(self.angle[rows], tuple(arm.take(rows) for arm in self.arms))
 
     def put(self, rows: IntArray, other: Decisions) -> Decisions:
-        """Returns these decisions with some stages as another plan has them."""
+        """Replace given stages by those of another plan."""
         return self.put_all(rows, other.take(rows))
 
     def put_all(self, rows: IntArray, part: Decisions) -> Decisions:
-        """Returns these decisions with some stages replaced by all of a part's."""
+        """Replace given stages by all stages of a partial plan."""
         angle = np.array(self.angle)
         angle[rows] = part.angle
         arms = zip(self.arms, part.arms, strict=True)

@@ -1,4 +1,4 @@
-"""Candidates of one arm: from closed forms over the arm angle, or numeric inverse kinematics."""
+"""Candidates of one arm, by closed form or numeric inverse kinematics."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProb
 
 
 def _source(work: ArmWork) -> ModuleType:
-    """Return the module that has an arm's postures: both have functions of the same names."""
+    """Return the module that computes an arm's postures."""
     return closed_form if work.kinematics.has_arm_angle else general
 
 
@@ -23,7 +23,7 @@ def postures(
     angle: FloatArray,
     candidates: ArmDecisions,
 ) -> CandidatePostures:
-    """Returns joints and line times of many candidates.
+    """Compute joints and line times of candidates.
 
     Args:
         problem: the sequence.
@@ -44,7 +44,7 @@ def grid_nodes(
     grid: Grid,
     near: ArmDecisions | None = None,
 ) -> Nodes:
-    """Returns the nodes of one arm at one stop, none where it cannot be reached.
+    """Compute the nodes of one arm at one stop; empty if out of reach.
 
     Args:
         problem: the sequence.
@@ -57,14 +57,14 @@ def grid_nodes(
 
 
 def anchored(work: ArmWork, candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions:
-    """Returns the same candidates, counted from the postures that they were found to mean where these matter."""
+    """Return candidates that refer to their own postures, if their arm needs that."""
     return _source(work).anchored(candidates, found)
 
 
 def lines_hold(
     problem: SequenceProblem, arm: int, angle: FloatArray, rows: ArmDecisions
 ) -> BoolArray:
-    """Returns in which stages lines are known to hold between their samples as well, shape (n,).
+    """Return in which stages lines are feasible between their samples, shape (n,).
 
     Args:
         problem: the sequence.
@@ -76,5 +76,5 @@ def lines_hold(
 
 
 def given_postures(work: ArmWork, rows: ArmDecisions, q: FloatArray) -> ArmDecisions:
-    """Returns candidates that are at given configurations (n, joints) [rad] to the last digit."""
+    """Return candidates exactly at given configurations (n, joints) [rad]."""
     return _source(work).given_postures(work, rows, q)

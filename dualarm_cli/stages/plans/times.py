@@ -1,4 +1,4 @@
-"""Stage lengths of a decided sequence: in closed form if tools stop at line ends."""
+"""Stage durations of a decided sequence: closed-form unless lines pass in motion."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dualarm_cli.timing.stage_length import stage_length
 
 @dataclass(frozen=True)
 class TransferChain:
-    """Where one arm's transfers lead: from the end of one stop to the start of its next."""
+    """Transfers of one arm: pairs of its consecutive stops."""
 
     active: IntArray
     """Stages in which the arm works, shape (m,)."""
@@ -26,7 +26,7 @@ class TransferChain:
 
     @classmethod
     def of(cls, arm: ArmWork) -> TransferChain:
-        """Returns an arm's chain of stops."""
+        """Build the transfer chain of an arm."""
         working = np.array([stop is not None for stop in arm.stops], dtype=np.bool_)
         last = np.maximum.accumulate(np.where(working, np.arange(len(working)), -1))
         return cls(np.nonzero(working)[0], np.concatenate([[-1], last[:-1]]))
@@ -34,7 +34,7 @@ class TransferChain:
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A plan in joints and seconds."""
+    """A plan with its joints and times."""
 
     decisions: Decisions
     """What was decided."""
@@ -47,12 +47,12 @@ class Evaluated:
 
     @property
     def total(self) -> float:
-        """The cycle time [s]."""
+        """Cycle time [s]."""
         return float(self.stages.sum()) + self.closing
 
 
 def evaluate(problem: SequenceProblem, decisions: Decisions) -> Evaluated:
-    """Returns a plan's postures and times."""
+    """Compute a plan's postures and times."""
     n = problem.stages
     rows = np.arange(n)
     arms = tuple(
@@ -65,7 +65,7 @@ def evaluate(problem: SequenceProblem, decisions: Decisions) -> Evaluated:
 def in_seconds(
     problem: SequenceProblem, decisions: Decisions, arms: tuple[CandidatePostures, ...]
 ) -> Evaluated:
-    """Returns a plan's times.
+    """Compute the times of a plan with given postures.
 
     Args:
         problem: the sequence.
@@ -79,7 +79,7 @@ def in_seconds(
 
 
 def held(problem: SequenceProblem, plan: Evaluated) -> Evaluated:
-    """Returns a plan in which stages whose lines do not hold between their samples are impossible."""
+    """Make stages infeasible whose lines fail between their samples."""
     angle = plan.decisions.angle
     holds = [lines_hold(problem, a, angle, rows) for a, rows in enumerate(plan.decisions.arms)]
     if all(own.all() for own in holds):
@@ -95,7 +95,7 @@ def held(problem: SequenceProblem, plan: Evaluated) -> Evaluated:
 def stage_times(
     problem: SequenceProblem, angle: FloatArray, arms: tuple[CandidatePostures, ...]
 ) -> tuple[FloatArray, float]:
-    """Returns the length of every stage [s], shape (n,), and of the return.
+    """Compute the durations of all stages [s], shape (n,), and of the return.
 
     Args:
         problem: the sequence.
@@ -149,7 +149,7 @@ def start_joints(
 
 
 def left_with(found: CandidatePostures, came: IntArray) -> FloatArray:
-    """Returns the rates with which an arm leaves the stages that its transfers come from, shape (m, 2, joints).
+    """Return an arm's rates at the start of its transfers, shape (m, 2, joints).
 
     Args:
         found: its postures in every stage.
@@ -159,7 +159,7 @@ def left_with(found: CandidatePostures, came: IntArray) -> FloatArray:
 
 
 def platform_times(problem: SequenceProblem, moved: FloatArray) -> FloatArray:
-    """Returns the platform's times [s], shape (...), for displacements (...) [rad]."""
+    """Compute platform times [s] for displacements [rad], shape (...)."""
     if problem.platform_law is None:
         return np.zeros(np.shape(moved))
     return problem.platform_law.duration(moved[..., None])

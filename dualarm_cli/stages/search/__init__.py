@@ -1,1 +1,1 @@
-"""The fastest plan of fixed stages: a search over platform angles and postures of the whole sequence."""
+"""Search for the fastest plan of fixed stages over platform angles and postures."""

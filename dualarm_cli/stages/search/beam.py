@@ -25,7 +25,7 @@ from dualarm_cli.timing.transfer_table import Coordinates, rows_of
 
 @dataclass(frozen=True)
 class BeamStep:
-    """How the states of one stage came about."""
+    """Back-pointers of the states of one stage."""
 
     parent: IntArray
     """Index among the states before, shape (b,)."""
@@ -40,15 +40,15 @@ class BeamStep:
 
 
 IMPOSSIBLE = 1e6
-"""What a step counts for which something has to touch [s]."""
+"""Penalty of a step with an unavoidable collision [s]."""
 
 
 @dataclass(frozen=True)
 class NodePath:
-    """A plan on the nodes."""
+    """Plan on the grid's nodes."""
 
     decisions: Decisions
-    """What it means."""
+    """Decisions of the plan."""
     nodes: IntArray
     """Each arm's node in every stage, -1 where idle, shape (arms, n)."""
     total: float
@@ -56,13 +56,13 @@ class NodePath:
 
     @property
     def is_possible(self) -> bool:
-        """Whether nothing has to touch at its stops, as far as that is known."""
+        """Whether no stop has an unavoidable collision, by the fast test."""
         return self.total < IMPOSSIBLE
 
 
 @dataclass(frozen=True)
 class _Beam:
-    """Nodes of both arms, and how widely they are searched."""
+    """Nodes of both arms and the widths of the beam."""
 
     problem: SequenceProblem
     """The sequence."""
@@ -78,7 +78,7 @@ class _Beam:
     """Flag of a beam that keeps nodes and states of every kind of posture."""
 
     def nodes_per_angle(self, rows: int, arms: int) -> int:
-        """Return the number of nodes of each working arm to pair at each of some states' angles."""
+        """Return the number of nodes of each working arm to pair at each state's angle."""
         if not self.varied:
             return self.per_angle
         most = self.problem.settings.varied_options // rows
@@ -86,7 +86,7 @@ class _Beam:
 
     @property
     def rated_pairs(self) -> int:
-        """Number of pairs that are rated in a stage."""
+        """Number of pairs rated in a stage."""
         if self.varied:
             return self.problem.settings.varied_pairs
         return self.problem.settings.oversampling * len(self.arms) * self.width
@@ -105,7 +105,7 @@ class _States:
     angle: IntArray
     """Platform angle in the arms' last common coordinates, in steps, shape (b,)."""
     left: NDArray[np.float32]
-    """What each arm still needs at least [s], shape (arms, b)."""
+    """Lower bound of each arm's remaining time [s], shape (arms, b)."""
 
     def take(self, rows: IntArray) -> _States:
         """Select plans by their indices."""
@@ -138,7 +138,7 @@ def beam_search(
     per_angle: int,
     plans: int = 1,
 ) -> list[NodePath]:
-    """Returns the best plan found on the nodes, and the next best ones of other branches, targets or yaws.
+    """Find the best plans on the nodes, of different branches, targets or yaws.
 
     From every kept state and at every platform angle the arms' best nodes are paired; a pair costs what the slower arm
     needs, plus the larger of what the arms still need at least. The best `width` different states are kept. Where
@@ -240,7 +240,7 @@ def _path(beam: _Beam, steps: list[BeamStep], states: IntArray, total: float) ->
 def _return_costs(
     beam: _Beam, states: _States, steps: list[BeamStep], trace: IntArray
 ) -> FloatArray:
-    """Compute what returns like no-goods cost from the final states [s], shape (b,)."""
+    """Compute the no-good costs of the return from the final states [s], shape (b,)."""
     problem, test, b = beam.problem, beam.problem.clearance, len(states.spent)
     n = problem.stages
     if test is None or not problem.returns or all(no_good.stage != n for no_good in test.no_goods):
@@ -275,7 +275,7 @@ def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:
 def _extend(
     beam: _Beam, states: _States, k: int, rated: int | None
 ) -> tuple[BeamStep, _States] | None:
-    """Extend states by stage k; None where no pair of nodes fits together.
+    """Extend states by stage k; None if no pair of nodes matches.
 
     Where something has to be collision-free, the best steps count as long as that takes, about. If all of them
     collide, the best state alone is extended by more nodes.
@@ -360,7 +360,7 @@ def _paired(beam: _Beam, states: _States, k: int, rated: int | None) -> _Candida
 
 
 def _delayed(candidates: _Candidates, waits: FloatArray, kinds: IntArray | None) -> _Candidates:
-    """Add what candidates wait for clearance, shape (b,), and sort them again; by kinds the best of each come first.
+    """Add clearance delays to candidates, shape (b,), and sort again, best of each class first.
 
     Impossible ones come last; if there are no others, what is wrong with them is found out when they are timed.
     """
@@ -373,7 +373,7 @@ def _delayed(candidates: _Candidates, waits: FloatArray, kinds: IntArray | None)
 
 
 def _kinds(beam: _Beam, states: _States, step: BeamStep, k: int) -> IntArray:
-    """Number what steps into stage k have in common, shape (b,): platform angle, branches and yaws.
+    """Number the classes of steps into stage k, shape (b,): platform angle, branches, yaws.
 
     In a varied beam it is the platform angle and the quadrants of all joints after the stage.
     """
@@ -391,7 +391,7 @@ def _kinds(beam: _Beam, states: _States, step: BeamStep, k: int) -> IntArray:
 def _waits(
     beam: _Beam, test: SequenceClearance, states: _States, step: BeamStep, k: int
 ) -> FloatArray:
-    """Estimate what steps into stage k cost for clearance [s], shape (b,)."""
+    """Estimate the clearance cost of steps into stage k [s], shape (b,)."""
     problem = beam.problem
     # By arm: all joints at the start, at arrival, at the target and at the end.
     places: list[list[FloatArray]] = []

@@ -1,4 +1,4 @@
-"""Successive linear programming: all continuous decisions of a plan improved together, a small step at a time."""
+"""Successive linear programming over all continuous decisions of a plan."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from dualarm_cli.stages.search.variables import Slopes, Variables, slopes
 
 @dataclass
 class Rows:
-    """Rows of `matrix @ x <= bound`, collected piece by piece."""
+    """Constraint rows `matrix @ x <= bound`, collected piece by piece."""
 
     row: list[IntArray] = field(default_factory=list)
     column: list[IntArray] = field(default_factory=list)
@@ -37,7 +37,7 @@ class Rows:
     def add(
         self, columns: IntArray, values: FloatArray, bound: FloatArray, stage: IntArray
     ) -> None:
-        """Appends m rows: columns and values (m, w), bounds and stages (m,); columns of -1 do not count."""
+        """Append m rows; columns of -1 are ignored."""
         rows = np.broadcast_to(np.arange(len(bound))[:, None] + self.count, columns.shape)
         used = (columns >= 0) & (values != 0.0)
         self.row.append(rows[used])
@@ -48,7 +48,7 @@ class Rows:
         self.count += len(bound)
 
     def by_stage(self) -> LinearProgram:
-        """Returns all rows in order of their stages."""
+        """Sort all rows by stage."""
         stage = np.concatenate(self.stage)
         order = np.argsort(stage, kind="stable")
         place = np.empty_like(order)
@@ -66,7 +66,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class LinearProgram:
-    """Rows in order of their stages."""
+    """Constraint rows sorted by stage."""
 
     row: IntArray
     """Row of each entry, ascending."""
@@ -80,7 +80,7 @@ class LinearProgram:
     """Stage of each row, ascending."""
 
     def within(self, first: int, past: int) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-        """Returns entries (rows counted from 0) and bounds of the stages from first to before past."""
+        """Return entries and bounds of the stages from `first` to before `past`."""
         low, high = np.searchsorted(self.stage, [first, past])
         begin, end = np.searchsorted(self.row, [low, high])
         entries = slice(begin, end)
@@ -93,7 +93,7 @@ class LinearProgram:
 
 
 def timed_slopes(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns each joint's time [s] and its slope by the displacement [s/rad], shape (..., n)."""
+    """Compute joint times [s] and their slopes by displacement [s/rad], shape (..., n)."""
     time, step = law.per_joint(moved), 1e-7
     ahead = law.per_joint(np.abs(moved) + step)
     return time, np.sign(moved) * (ahead - time) / step
@@ -116,14 +116,14 @@ class _LinearisedPlan:
 
     @property
     def near_critical(self) -> float:
-        """Share of the longest time from which a joint's own time has a row."""
+        """Fraction of the longest time above which a joint gets a row."""
         return self.problem.settings.near_critical
 
     def program(self, radius: FloatArray) -> LinearProgram:
         """Linearise the plan over (variables, lengths of stages and return, times of lines).
 
         Args:
-            radius: how far the variables of each stage may move [rad], shape (n + 1,).
+            radius: trust-region radius of each stage's variables [rad], shape (n + 1,).
         """
         for a in range(len(self.problem.arms)):
             self.add_transfers(a)
@@ -134,7 +134,7 @@ class _LinearisedPlan:
         return self.rows.by_stage()
 
     def add_transfers(self, a: int) -> None:
-        """Append, per stage and slow joint: transfer + lines + dwell <= stage's length, all linear."""
+        """Append, per stage and slow joint: transfer + lines + dwell <= stage duration."""
         problem, rates = self.problem, self.rates[a]
         chain = TransferChain.of(problem.arms[a])
         k, came = chain.active, chain.previous[chain.active]
@@ -184,7 +184,7 @@ class _LinearisedPlan:
     def _platform_move(
         self, law: RestToRest, k: IntArray
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Time the platform's moves into some stages, with their columns and slopes.
+        """Time the platform's moves into given stages, with columns and slopes.
 
         Columns and slopes have shape (m, 2); the times [s], which come last, have shape (m,).
         """
@@ -196,7 +196,7 @@ class _LinearisedPlan:
         return columns, np.column_stack([slope, -slope]), time[:, 0]
 
     def add_lines(self, a: int) -> None:
-        """Append, per line and slow joint: what the joint takes <= time of the line."""
+        """Append, per line and slow joint: joint time <= line time."""
         work, found, rates = self.problem.arms[a], self.best.arms[a], self.rates[a]
         k = TransferChain.of(work).active
         columns, lines = self._columns(a, k), self._line_columns(a, k)
@@ -218,7 +218,7 @@ class _LinearisedPlan:
                 )
 
     def add_return(self) -> None:
-        """Append the return's rows: every slow joint and the platform, back to the start."""
+        """Append the rows of the return: every slow joint and the platform."""
         problem, variables, best = self.problem, self.variables, self.best
         last = np.array([problem.stages])
         angle = best.decisions.angle
@@ -248,7 +248,7 @@ class _LinearisedPlan:
                 self._add(columns, values, time[[joint]], last, watched)
 
     def add_limits(self, a: int, radius: FloatArray) -> None:
-        """Append position limits of the joints that a step within a radius could bring there."""
+        """Append position limits that a step within the radius may reach."""
         work, found, rates = self.problem.arms[a], self.best.arms[a], self.rates[a]
         k = TransferChain.of(work).active
         columns = self._columns(a, k)
@@ -268,11 +268,11 @@ class _LinearisedPlan:
                         self.rows.add(columns[near], values[near], bound, k[near])
 
     def _columns(self, a: int, stages: IntArray) -> IntArray:
-        """Return the columns of (platform angle, FIELDS) in some stages, shape (m, 5)."""
+        """Return the columns of (platform angle, FIELDS) in given stages, shape (m, 5)."""
         return np.column_stack([self.variables.angle[stages], self.variables.arms[a][stages]])
 
     def _line_columns(self, a: int, stages: IntArray) -> IntArray:
-        """Return the columns of the times of approach and retract in some stages, shape (m, 2)."""
+        """Return the columns of approach and retract times in given stages, shape (m, 2)."""
         first = self.variables.count + self.problem.stages + 1 + 2 * a * self.problem.stages
         return np.column_stack([first + 2 * stages, first + 2 * stages + 1])
 
@@ -284,7 +284,7 @@ class _LinearisedPlan:
         stage: IntArray,
         watched: BoolArray,
     ) -> None:
-        """Append now + values @ step <= length of the stage for the watched rows."""
+        """Append now + values @ step <= stage duration for selected rows."""
         columns = np.column_stack([columns, self.variables.count + stage])
         values = np.column_stack([values, np.full(len(stage), -1.0)])
         self.rows.add(columns[watched], values[watched], -now[watched], stage[watched])
@@ -297,7 +297,7 @@ def linear_step(
     radius: FloatArray,
     round_number: int,
 ) -> FloatArray:
-    """Returns the best step of all variables within a radius, everything taken as linear [rad], shape (count,).
+    """Compute the best linearised step of all variables within a radius [rad], shape (count,).
 
     Joints at the ends of all transfers, transfer times and line times are linear in the platform angles, arm angles and
     free yaws; a linear program per window of stages then finds the step. (A transfer's time is concave in its
@@ -307,8 +307,8 @@ def linear_step(
         problem: the sequence.
         variables: numbering of its variables.
         best: a possible plan.
-        radius: how far the variables of each stage may move [rad], shape (n + 1,).
-        round_number: every other round the windows lie half a window further on.
+        radius: trust-region radius of each stage's variables [rad], shape (n + 1,).
+        round_number: odd rounds shift the windows by half a window.
     """
     windows = _windows(problem.stages, problem.settings.window, round_number)
     rates = [slopes(problem, a, best.decisions, own) for a, own in enumerate(best.arms)]
@@ -317,7 +317,7 @@ def linear_step(
 
 
 def _windows(stages: int, window: int, round_number: int) -> list[tuple[int, int]]:
-    """Returns first and past-the-last stage of each window; every other round they lie half a window further on."""
+    """Return (first, past) of each window; odd rounds shift by half a window."""
     if stages <= window + window // 2:
         return [(0, stages)]
     edges = list(range(0 if round_number % 2 == 0 else window // 2, stages, window))
@@ -343,7 +343,7 @@ def _solve(
     windows: list[tuple[int, int]],
     radius: FloatArray,
 ) -> FloatArray:
-    """Returns the best step of every window on its own [rad]."""
+    """Solve every window's linear program for its best step [rad]."""
     n, v = problem.stages, variables.count
     of_variable = _stage_of_variable(variables)
     lower, upper = _bounds(problem, variables, best, radius[of_variable])
@@ -385,7 +385,7 @@ def _solve(
 def _bounds(
     problem: SequenceProblem, variables: Variables, best: Evaluated, radius: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns least and greatest step of every variable [rad]."""
+    """Compute lower and upper bounds of every variable's step [rad]."""
     lower, upper = -radius, radius.copy()
     if problem.turns:
         low, high = problem.platform_range
@@ -397,7 +397,7 @@ def _bounds(
 
 
 def _time_columns(stages: int, arms: int, first: int, past: int) -> IntArray:
-    """Returns the columns, counted after the variables, of the times of the stages from first to before past."""
+    """Return the columns of the times of stages `first` to before `past`, after the variables."""
     lengths = np.arange(first, past)
     lines = np.arange(2 * first, 2 * min(past, stages))
     return np.concatenate([lengths, *(stages + 1 + 2 * a * stages + lines for a in range(arms))])

@@ -1,4 +1,4 @@
-"""Plans on one grid of nodes: potentials, beam, and what its lines are really worth."""
+"""Plans on one grid of nodes: potentials, beam search and exact line times."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from dualarm_cli.stages.search.potentials import ArmLayers, arm_layers, with_pot
 
 
 def with_yaws(problem: SequenceProblem, decisions: Decisions) -> Decisions:
-    """Returns decisions whose free yaws share the last joint's turns out evenly over the transfers.
+    """Choose free yaws that spread the last joint's turn evenly over transfers.
 
     Between two stops of fixed yaw every transfer then turns the last joint equally far. A stop that would leave its
     limits takes the nearest yaw that does not; one that cannot be at all takes the nearest of some around the circle.
@@ -52,7 +52,7 @@ def with_yaws(problem: SequenceProblem, decisions: Decisions) -> Decisions:
 
 
 def _sense(work: ArmWork) -> float:
-    """Returns +1 if a positive yaw is a positive turn of the last joint, else -1."""
+    """Return +1 if positive yaw turns the last joint positively, else -1."""
     geometry = work.closed_form.geometry
     axis = product(geometry.R_flange.T, geometry.axes[-1])
     return float(np.sign(product(axis, work.R_tool_flange.T[:, 2])))
@@ -91,7 +91,7 @@ def _shared_out(
 
 
 def _share(k: int, last: FloatArray, loose: BoolArray, begin: float) -> float:
-    """Returns how far the last joint turns in the transfer to a loose stop: its share of what is to come [rad]."""
+    """Compute the last joint's share of its remaining turn at a free stop [rad]."""
     ahead = np.nonzero(~loose[k:])[0]
     if not len(ahead):
         return 0.0
@@ -125,7 +125,7 @@ def _repaired(
 
 @dataclass(frozen=True)
 class NodePlans:
-    """What one grid gives."""
+    """Plans and lower bound of one grid."""
 
     plans: list[tuple[NodePath, Evaluated]]
     """Different plans whose lines are all possible, the best on the nodes first; none where none was found."""
@@ -137,7 +137,7 @@ class NodePlans:
 
 @dataclass(frozen=True)
 class _StageNodes:
-    """Nodes of a grid, made stage by stage."""
+    """Nodes of a grid, computed stage by stage."""
 
     problem: SequenceProblem
     """The sequence."""
@@ -153,7 +153,7 @@ class _StageNodes:
     """Nodes of hand-overs, which are taken twice, by arm and stage."""
 
     def layers(self, arms: Sequence[int]) -> list[ArmLayers]:
-        """Make the layers of some arms."""
+        """Build the layers of given arms."""
         return [arm_layers(self.problem, a, self.angles, self._of_stages(a)) for a in arms]
 
     def _of_stages(self, a: int) -> Iterator[Nodes | None]:
@@ -188,7 +188,7 @@ def plans_on_nodes(
     near: Evaluated | None = None,
     loose: BoolArray | None = None,
 ) -> NodePlans:
-    """Returns the beam's plans on a grid of nodes, and the grid's bound.
+    """Search a grid of nodes; return the beam's plans and the grid's bound.
 
     Args:
         problem: the sequence.
@@ -239,7 +239,7 @@ def plans_on_nodes(
 def own_node(
     problem: SequenceProblem, a: int, k: int, angles: FloatArray, plan: Evaluated
 ) -> Nodes:
-    """Returns the one node of a stop that a plan takes."""
+    """Return a plan's own node at a stop."""
     work, found, row = problem.arms[a], plan.arms[a], np.array([k])
     stop = work.stops[k]
     assert stop is not None  # callers ask for active stages only
@@ -254,7 +254,7 @@ def own_node(
 
 
 def grid_angles(problem: SequenceProblem, step: float) -> FloatArray:
-    """Returns platform positions around the start, which is one of them, shape (f,) [rad or m].
+    """Return platform positions around the start, start included, (f,) [rad or m].
 
     Args:
         problem: the sequence.
@@ -270,7 +270,7 @@ def grid_angles(problem: SequenceProblem, step: float) -> FloatArray:
 
 
 def angles_near(problem: SequenceProblem, plan: Decisions, mesh: Mesh) -> FloatArray:
-    """Returns platform angles around those of a plan, which are among them, shape (n, f)."""
+    """Return platform angles around those of a plan, included, shape (n, f)."""
     if not problem.turns:
         return np.zeros((problem.stages, 1))
     step = problem.platform.spacing(mesh.angle_step, *problem.platform_range)
@@ -285,7 +285,7 @@ def _without(
     a: int,
     found: tuple[NodePath, Evaluated],
 ) -> ArmLayers:
-    """Returns an arm's layers without the nodes whose lines are impossible, in stages where a plan's line is.
+    """Remove the nodes with infeasible lines from stages that a plan uses.
 
     If no angle is left that a stage's arms share, the next round gives it angles of its own.
     """

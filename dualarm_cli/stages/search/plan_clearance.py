@@ -1,4 +1,4 @@
-"""Collision-free stages of a plan: at stops, on moves, and on the return."""
+"""Collision check of a plan: at stops, on moves and on the return."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PENALTY = PlanClearanceSettings()
 
 @dataclass(frozen=True)
 class PlanClearance:
-    """What is collision-free in a plan of n stages."""
+    """Collision check of a plan of n stages."""
 
     stops: BoolArray
     """Where approach, target and retract of each arm are collision-free, and where retracts of both end, shape (n,)."""
@@ -45,14 +45,14 @@ class PlanClearance:
 
     @property
     def penalty(self) -> float:
-        """What is added to a plan's length [s]: infinite where it cannot be, else what waits and detours cost."""
+        """Penalty of a plan's collisions [s]; infinite if it is infeasible."""
         if not (self.stops.all() and self.moves.all()):
             return np.inf
         return float(self.waits.sum())
 
 
 def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
-    """Returns what is collision-free in a plan; everything where nothing is asked for.
+    """Check a plan for collisions; all clear if checking is disabled.
 
     Arms at the same place of their lines are looked at together, as are arms that wait where they ended: where they
     meet at the targets one goes after the other, but both are where their retracts end at last. Moves are taken
@@ -111,7 +111,7 @@ def step_waits(
     target: FloatArray,
     end: FloatArray,
 ) -> FloatArray:
-    """Returns about what n steps into a stage cost for clearance [s], infinite for none, shape (n,).
+    """Estimate the clearance cost of n steps into a stage [s], infinite if blocked, (n,).
 
     Each arm by itself is free at its stops, which are nodes. What is looked at is each arm on its straight move, and
     both arms together there and at their stops; as in `plan_clearance`.
@@ -143,7 +143,7 @@ def step_waits(
 
 
 def move_waits(pace: float, lacks: FloatArray, apart: BoolArray) -> FloatArray:
-    """Returns about what n straight moves cost for clearance [s], shape (n,).
+    """Estimate the clearance cost of n straight moves [s], shape (n,).
 
     Args:
         pace: how much slower than at full speed everything moves.
@@ -155,7 +155,7 @@ def move_waits(pace: float, lacks: FloatArray, apart: BoolArray) -> FloatArray:
 
 
 def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -> FloatArray:
-    """Returns all joints before the first stage [rad]."""
+    """Return all joints before the first stage [rad]."""
     joints = [
         start_joints(problem, work, TransferChain.of(work), found)[None]
         for work, found in zip(problem.arms, plan.arms, strict=True)
@@ -167,7 +167,7 @@ def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -
 def _joints(
     problem: SequenceProblem, test: SequenceClearance, plan: Evaluated
 ) -> tuple[FloatArray, FloatArray, FloatArray, list[FloatArray]]:
-    """Returns all joints where moves end, at the targets, where retracts end and on the lines, (n, columns) each."""
+    """Return all joints at move ends, targets, retract ends and on lines, (n, columns) each."""
     n = problem.stages
     at_end, at_target, after = [], [], []
     on_lines: list[list[FloatArray | None]] = [[], [], [], []]

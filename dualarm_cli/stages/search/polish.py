@@ -1,4 +1,4 @@
-"""From a good plan to the nearest best one: linear steps and random ones, combined stage by stage."""
+"""Local optimisation of a plan: linear and random steps, combined stage by stage."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dualarm_cli.stages.search.variables import Variables
 
 @dataclass(frozen=True)
 class Polishing:
-    """The polishing of plans of one sequence."""
+    """Local optimisation of plans of one sequence."""
 
     problem: SequenceProblem
     """The sequence."""
@@ -29,11 +29,11 @@ class Polishing:
 
     @property
     def at_rest(self) -> Polishing:
-        """Polishing of the same sequence with all lines' ends at rest."""
+        """The same optimisation with all line ends at rest."""
         return replace(self, problem=replace(self.problem, launches=None))
 
     def polished(self, start: Evaluated, rounds: int, random_steps: int) -> Evaluated:
-        """Polish a plan; the result is nowhere slower.
+        """Polish a plan; the result is never slower.
 
         Every round offers each stage shares of the linear step and some random steps; dynamic programming combines
         them.
@@ -76,7 +76,7 @@ class Polishing:
 
 
 def _best(problem: SequenceProblem, plans: list[Evaluated]) -> Evaluated:
-    """Returns the shortest plan, what collides counted in."""
+    """Return the shortest plan, collision penalties included."""
     if problem.clearance is None:
         return min(plans, key=lambda plan: plan.total)
     least, worth = plans[0], plans[0].total + plan_clearance(problem, plans[0]).penalty
@@ -89,7 +89,7 @@ def _best(problem: SequenceProblem, plans: list[Evaluated]) -> Evaluated:
 
 
 def _within(problem: SequenceProblem, decisions: Decisions) -> Decisions:
-    """Returns decisions with the platform within its range."""
+    """Clip the platform angles of decisions to their range."""
     if not problem.turns:
         return decisions
     return Decisions(np.clip(decisions.angle, *problem.platform_range), decisions.arms)
@@ -98,7 +98,7 @@ def _within(problem: SequenceProblem, decisions: Decisions) -> Decisions:
 def _random_steps(
     random: np.random.Generator | None, variables: Variables, radius: float, count: int
 ) -> FloatArray:
-    """Returns steps of all variables, shape (count, v): normally distributed, many of them of one arm or none."""
+    """Draw normally distributed steps of all variables, shape (count, v)."""
     if random is None:
         return np.empty((0, variables.count))
     steps = random.normal(scale=0.5 * radius, size=(count, variables.count))

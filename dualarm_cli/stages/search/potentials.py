@@ -1,4 +1,4 @@
-"""Lower bounds on the time left from every node of either arm, by dynamic programming."""
+"""Lower bounds on each node's remaining time, by dynamic programming."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Times = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Layer:
-    """One arm's nodes in one stage, ready to be compared."""
+    """Nodes of one arm in one stage, in table coordinates."""
 
     decisions: ArmDecisions
-    """What each node means, in single precision to save memory; in order of their platform angle."""
+    """Decisions of each node in single precision, in order of platform angle."""
     angle_index: IntArray
     """Index of the platform angle within the grid's, ascending, shape (n,)."""
     free_last: bool
@@ -49,14 +49,14 @@ class Layer:
 
 @dataclass(frozen=True)
 class ArmLayers:
-    """One arm over the whole sequence."""
+    """Layers and potentials of one arm over the whole sequence."""
 
     table: TransferTable
     """Times of its joints and of the platform."""
     chain: TransferChain
-    """Its stops."""
+    """Transfers of the arm."""
     layers: Sequence[Layer | None]
-    """By stage; None where it is idle."""
+    """Layer of each stage; None in idle stages."""
     potential: Sequence[Times | None]
     """Least time from the end of each node's retract to the end of all [s], by stage."""
     passed: FloatArray
@@ -79,7 +79,7 @@ class ArmLayers:
         return rows
 
     def quadrants(self, joints: Coordinates, border: float) -> IntArray:
-        """Compute the quadrant of each joint, shape (c, n): postures that whole turns tell apart are one kind.
+        """Compute the quadrant of each joint, shape (c, n), as a class of postures.
 
         Args:
             joints: joints and platform, in steps, shape (c, n).
@@ -89,7 +89,7 @@ class ArmLayers:
         return np.mod(np.floor(turned / (0.5 * np.pi)), 4).astype(np.int64)
 
     def best_of_kinds(self, layer: Layer, total: Times, border: float) -> BoolArray:
-        """Find the best node of each kind of posture at each platform angle, shape (b, n), by totals (b, n)."""
+        """Flag the best node of each class at each platform angle, shape (b, n)."""
         rows = np.vstack([self.quadrants(layer.retract, border), layer.angle_index])
         kinds = np.unique(rows, axis=1, return_inverse=True)[1]
         best = np.zeros(total.shape, dtype=np.bool_)
@@ -101,7 +101,7 @@ class ArmLayers:
 
 @dataclass(frozen=True)
 class _Edges:
-    """One arm's transfers into one stage."""
+    """Transfers of one arm into one stage."""
 
     times: Times
     """Longer of arm and platform, and the stop's work [s], shape (n before, n)."""
@@ -118,7 +118,7 @@ class _Edges:
 def arm_layers(
     problem: SequenceProblem, arm: int, angles: FloatArray, nodes: Iterable[Nodes | None]
 ) -> ArmLayers:
-    """Returns an arm's layers; potentials are still to come.
+    """Build an arm's layers without potentials.
 
     Args:
         problem: the sequence.
@@ -137,7 +137,7 @@ def arm_layers(
 
 
 def transfer_table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
-    """Returns the times of an arm's joints and of the platform, between any two postures."""
+    """Build the table of joint and platform times between any two postures."""
     laws, lower, upper = [work.law], work.limits.lower, work.limits.upper
     if problem.platform_law is not None:
         laws.append(problem.platform_law)
@@ -149,7 +149,7 @@ def transfer_table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
 def with_potentials(
     problem: SequenceProblem, arms: Sequence[ArmLayers], angles: int
 ) -> tuple[ArmLayers, ...]:
-    """Returns the arms' layers with their potentials, by backward dynamic programming over the stages.
+    """Compute the arms' potentials by backward dynamic programming over the stages.
 
     A stage lasts at least max(platform, own transfer) + own work, and at least what the other arm needs for the same
     two platform angles with whatever nodes suit it best. So a potential never exceeds what any plan on the nodes still
@@ -173,7 +173,7 @@ def with_potentials(
             for a, arm in enumerate(arms)
             if arm.layers[k] is not None
         }
-        # What an arm that is idle here knows of this stage: the other one's least time.
+        # For an idle arm the stage takes at least the other arm's least time.
         for a, arm in enumerate(arms):
             if a in edges:
                 layer = arm.layers[k]
@@ -199,12 +199,12 @@ def with_potentials(
 
 
 def platform_columns(problem: SequenceProblem, a: int) -> tuple[int, ...]:
-    """Returns the coordinate of the platform among those of an arm, if it is one."""
+    """Return the platform's coordinate among an arm's, or nothing."""
     return (problem.arms[a].joints,) if problem.turns else ()
 
 
 def start_coordinates(problem: SequenceProblem, arm: int, table: TransferTable) -> Coordinates:
-    """Returns an arm's start in steps, shape (c, 1)."""
+    """Return an arm's start in table steps, shape (c, 1)."""
     q = problem.arms[arm].start[None]
     if problem.turns:
         q = np.column_stack([q, problem.platform_start[None]])
@@ -212,7 +212,7 @@ def start_coordinates(problem: SequenceProblem, arm: int, table: TransferTable) 
 
 
 def free_columns(problem: SequenceProblem, a: int, *layers: Layer | None) -> tuple[int, ...]:
-    """Returns the coordinates that do not count between layers: the last joint where yaw is free."""
+    """Return the coordinates ignored between layers: the last joint if yaw is free."""
     free = any(layer is not None and layer.free_last for layer in layers)
     return (problem.arms[a].joints - 1,) if free else ()
 
@@ -220,7 +220,7 @@ def free_columns(problem: SequenceProblem, a: int, *layers: Layer | None) -> tup
 def layer_of(
     problem: SequenceProblem, table: TransferTable, angles: FloatArray, nodes: Nodes
 ) -> Layer:
-    """Returns one arm's nodes in one stage, ready to be compared.
+    """Build one arm's layer of one stage from its nodes.
 
     Args:
         problem: the sequence.
@@ -245,7 +245,7 @@ def layer_of(
 
 
 def _edges(problem: SequenceProblem, a: int, arm: ArmLayers, k: int, angles: int) -> _Edges:
-    """Returns one arm's transfers into stage k, in which it works."""
+    """Compute one arm's transfers into stage k, in which it works."""
     layer, came = arm.layers[k], int(arm.chain.previous[k])
     assert layer is not None
     before = arm.layers[came] if came >= 0 else None
@@ -272,7 +272,7 @@ def _edges(problem: SequenceProblem, a: int, arm: ArmLayers, k: int, angles: int
 
 
 def _least(edges: _Edges, left: Times, others: Sequence[Times]) -> Times:
-    """Returns the least time from every node before, the other arm's included, shape (n before,)."""
+    """Compute the least time from every node before, both arms considered, (n before,)."""
     # No stage is shorter than 0: alone an arm is as long as it needs.
     floor = np.zeros_like(edges.relaxed)
     for other in others:
@@ -281,7 +281,7 @@ def _least(edges: _Edges, left: Times, others: Sequence[Times]) -> Times:
 
 
 def _return_times(problem: SequenceProblem, a: int, arm: ArmLayers, layer: Layer, k: int) -> Times:
-    """Returns how long the return takes from every node of an arm's last stop [s], 0 where there is none.
+    """Compute return times from every node of an arm's last stop [s].
 
     The platform counts only where the stop is in the last stage k: else it turns on with the other arm.
     """

@@ -1,4 +1,4 @@
-"""The continuous decisions of a plan as one vector, and what joints and times do when it changes a little."""
+"""Continuous decisions of a plan as one vector, with derivatives of joints and times."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from dualarm_cli.stages.plans.source import postures
 DIFFERENCE = 1e-6
 """Step of the finite differences [rad]: joints are smooth, and closed forms exact to 1e-14."""
 FIELDS = ("psi_target", "psi_approach", "psi_retract", "yaw")
-"""An arm's variables at a stop; moving the first carries the arm angles at the lines' ends along."""
+"""Variables of an arm at a stop; the first one also shifts the arm angles at line ends."""
 
 
 @dataclass(frozen=True)
 class Variables:
-    """Which variable stands where in the vector of all; -1 where something is not free."""
+    """Index of each variable in the vector; -1 if it is fixed."""
 
     angle: IntArray
-    """Of each stage's platform angle, shape (n,)."""
+    """Index of each stage's platform angle, shape (n,)."""
     arms: tuple[IntArray, ...]
-    """By arm: of each stage's FIELDS, shape (n, 4)."""
+    """Indices of each stage's FIELDS by arm, shape (n, 4)."""
     count: int
-    """How many there are."""
+    """Number of variables."""
 
     @classmethod
     def of(cls, problem: SequenceProblem, loose: BoolArray | None = None) -> Variables:
-        """Numbers a problem's variables stage by stage.
+        """Number a problem's variables stage by stage.
 
         Args:
             problem: the sequence.
-            loose: stages in which something may change, shape (n,); all by default.
+            loose: flags of stages that may change, shape (n,); all by default.
         """
         n, count = problem.stages, 0
         angle = np.full(n, -1, dtype=np.int64)
@@ -58,7 +58,7 @@ class Variables:
         return cls(angle, tuple(arms), count)
 
     def moved(self, decisions: Decisions, step: FloatArray) -> Decisions:
-        """Returns decisions after a step of all variables [rad], shape (count,)."""
+        """Apply a step of all variables to decisions [rad], shape (count,)."""
         padded = np.append(step, 0.0)
         arms = tuple(
             shifted(arm, padded[rows]) for arm, rows in zip(decisions.arms, self.arms, strict=True)
@@ -67,7 +67,7 @@ class Variables:
 
 
 def shifted(decisions: ArmDecisions, change: FloatArray) -> ArmDecisions:
-    """Returns candidates with their FIELDS changed by (n, 4) [rad]."""
+    """Shift the FIELDS of candidates by (n, 4) [rad]."""
     return replace(
         decisions,
         psi_target=decisions.psi_target + change[:, 0],
@@ -79,18 +79,18 @@ def shifted(decisions: ArmDecisions, change: FloatArray) -> ArmDecisions:
 
 @dataclass(frozen=True)
 class Slopes:
-    """First derivatives of one arm's stops by (platform angle, *FIELDS); every stage, v = 5 columns."""
+    """Derivatives of one arm's stops by (platform angle, *FIELDS), v = 5 columns."""
 
     q_approach: FloatArray
-    """Of the joints where the approach starts, shape (n, joints, v)."""
+    """Derivatives of the joints at the start of the approach, shape (n, joints, v)."""
     q_target: FloatArray
-    """Of the joints at the target, shape (n, joints, v)."""
+    """Derivatives of the joints at the target, shape (n, joints, v)."""
     q_retract: FloatArray
-    """Of the joints where the retract ends, shape (n, joints, v)."""
+    """Derivatives of the joints at the end of the retract, shape (n, joints, v)."""
     approach: FloatArray
-    """Of what each joint asks for on the approach [s/rad], shape (n, joints, v); 0 where a step leads out of reach."""
+    """Derivatives of joint times on the approach [s/rad], shape (n, joints, v); 0 out of reach."""
     retract: FloatArray
-    """Of what each joint asks for on the retract [s/rad], shape (n, joints, v)."""
+    """Derivatives of joint times on the retract [s/rad], shape (n, joints, v)."""
 
 
 def slopes(
@@ -99,9 +99,9 @@ def slopes(
     decisions: Decisions,
     base: CandidatePostures,
 ) -> Slopes:
-    """Returns derivatives by forward differences, all stages and variables in one batch.
+    """Compute derivatives by forward differences, all stages and variables in one batch.
 
-    Without a spare joint what is varied along the self-motion changes nothing.
+    Without a spare joint the self-motion variables have zero derivatives.
     """
     n, v = problem.stages, 1 + len(FIELDS)
     free = np.array([True, *(problem.arms[arm].spare > 0 or name == "yaw" for name in FIELDS)])
