@@ -1,4 +1,4 @@
-"""From touched points to a judged transform: fit what is unknown of the robots, then solve."""
+"""Calibration from touched points: fit unknown tools and heights, solve, and assess the result."""
 
 from __future__ import annotations
 
@@ -36,47 +36,50 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 ITERATIONS = 100
-"""Steps at most; from a tool that is right to some centimetres four are enough."""
+"""Maximum number of Gauss-Newton steps.
+
+Four suffice from a tool that is right to some centimetres.
+"""
 HALVINGS = 30
-"""How often a step that makes it worse is halved."""
+"""Maximum number of halvings of a step that increases the residuals."""
 CONVERGED = 1e-12
-"""A step below this is the last one [m, rad]."""
+"""Step size below which the iteration has converged [m, rad]."""
 POSE = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
 
 
 @dataclass(frozen=True)
 class JointFit:
-    """The tools of one or both robots, and the transform."""
+    """Fitted tools of one or both robots, and the transform."""
 
     tools: dict[str, ToolFit]
-    """By side."""
+    """Fitted tools by side."""
     solution: CalibrationSolution
-    """Where the right base stands, with the tools' uncertainty in its covariance."""
+    """Pose of the right base; its covariance includes the tools' uncertainty."""
 
 
 @dataclass(frozen=True)
 class Side:
-    """What is known of one robot's points."""
+    """Readings of one robot: flange poses or known tips."""
 
     flanges: Flanges | None
-    """Where its flange was; None where its tips are known."""
+    """Flange poses; None if the tips are known."""
     tips: FloatArray
-    """Its tips: known, or with the tool to begin with [m], shape (n, 3)."""
+    """Tips [m], shape (n, 3): known, or with the initial tool."""
     tool: FloatArray
-    """The tool to begin with [m], shape (3,)."""
+    """Initial tool [m], shape (3,)."""
 
 
 def fit_tools_and_pose(sides: dict[str, Side], noise: float | None) -> JointFit:
-    """Returns tools and transform of least squares by Gauss-Newton: tip_left = R tip_right + t at every point.
+    """Fit tools and transform by Gauss-Newton: tip_left = R tip_right + t at every point.
 
-    The heights of the bases cannot be among the unknowns: tips that are all raised are a shift, which t takes up.
+    The heights of the bases cannot be unknowns: raising all tips is a shift, which t absorbs.
 
     Args:
         sides: both robots, left and right; those with flanges have unknown tools.
         noise: standard deviation of each coordinate of a touched point [m]; None to estimate it from the residuals.
 
     Raises:
-        InfeasibleError: the readings do not determine the transform; with the directions that they do not see.
+        InfeasibleError: the readings do not determine the transform; with the unobservable directions.
     """
     unknown = [side for side, data in sides.items() if data.flanges is not None]
     names = [*POSE, *(f"{side} {name}" for side in unknown for name in TOOL)]
@@ -122,10 +125,11 @@ def fit_tools_and_pose(sides: dict[str, Side], noise: float | None) -> JointFit:
 def _linearised(
     sides: dict[str, Side], tools: dict[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
-    """Returns residuals, Jacobian, scale, map to the origin's pose, and the best pose, for given tools.
+    """Linearise the residuals at given tools.
 
-    The pose is that of least squares for these tools, so that only tools take steps; its columns (shift of the
-    centroid, turn about it) stand in the Jacobian nevertheless, which makes the step the one of all unknowns.
+    Returns residuals, Jacobian, scale, map to the origin's pose, and the best pose. The pose is that of least squares
+    for these tools, so that only tools take steps; its columns (shift of the centroid, turn about it) are in the
+    Jacobian nevertheless, which makes the step that of all unknowns.
     """
     tips = {
         side: data.tips if data.flanges is None else data.flanges.tips(tools[side])
@@ -182,34 +186,34 @@ UNSEEN_HEIGHT = (
 
 @dataclass(frozen=True)
 class Calibration:
-    """A transform, what was found of the robots along with it, and what there is to say of it."""
+    """Calibrated transform with fitted tools, quality and notes."""
 
     method: str
-    """Which method found it."""
+    """Name of the method."""
     problem: CalibrationProblem
-    """The points that it was found from."""
+    """Calibration points."""
     solution: CalibrationSolution
-    """The transform."""
+    """Transform between the bases."""
     judgement: Judgement
-    """How good it is."""
+    """Quality of the calibration."""
     tools: dict[str, ToolFit] = field(default_factory=dict)
-    """What was fitted, by side."""
+    """Fitted tools by side."""
     second_joint: dict[str, float] = field(default_factory=dict)
-    """How high the second joint's axis is above the base, fitted height included [m], by side."""
+    """Height of the second joint's axis above the base, with the fitted height [m], by side."""
     notes: tuple[str, ...] = ()
-    """What the reader should know of how it was found."""
+    """Notes on the method for the reader."""
 
 
 def calibrate(touches: Touches, method: str, use: str) -> Calibration:
-    """Returns where the right robot's base stands in the left one's.
+    """Calibrate the right robot's base in the left one's frame.
 
     Args:
         touches: the points.
         method: name of a solver of the family.
-        use: `joints` or `xyz`: which of the two is taken where a point has both.
+        use: `joints` or `xyz`: the reading that is used if a point has both.
 
     Raises:
-        UsageError: something is to be fitted that the file has no readings for.
+        UsageError: the file has no readings for a quantity to be fitted.
         InfeasibleError: the points do not determine it.
     """
     refuse_few(len(touches.names))
@@ -249,7 +253,10 @@ def calibrate(touches: Touches, method: str, use: str) -> Calibration:
 
 
 def _measured_fits(touches: Touches) -> tuple[dict[str, ToolFit], list[str]]:
-    """Returns the fits of the robots that have joint readings and coordinates of the same points, and notes."""
+    """Fit the robots that have joint readings and coordinates of the same points.
+
+    Returns fits by side, and notes.
+    """
     tools: dict[str, ToolFit] = {}
     for side, touch in touches.sides.items() if touches.fit else ():
         both = touch.read & touch.measured
@@ -271,7 +278,7 @@ def _measured_fits(touches: Touches) -> tuple[dict[str, ToolFit], list[str]]:
 def _joint_fit(
     touches: Touches, tools: dict[str, ToolFit], use: str, notes: list[str]
 ) -> JointFit | None:
-    """Returns the tools that only the transform can tell, along with it; None where there are none."""
+    """Fit the tools that only the transform can determine, or return None."""
     if not touches.fit:
         return None
     unknown = [s for s, t in touches.sides.items() if s not in tools and t.read.all()]
@@ -300,7 +307,7 @@ def _tips(side: str, touch: TouchSide, fit: ToolFit | None, use: str) -> FloatAr
 
 
 def _readings_disagree(touches: Touches, tools: dict[str, ToolFit]) -> list[str]:
-    """Says how far coordinates and joint readings of the same points are apart, where noise does not explain it."""
+    """List discrepancies of coordinates and joint readings that noise does not explain."""
     found = []
     for side, touch in touches.sides.items():
         both = touch.read & touch.measured

@@ -1,4 +1,4 @@
-"""Quality of a calibration: residuals at every point, spread of the points, and advice."""
+"""Quality of a calibration: residuals, spread of the points, and advice."""
 
 from __future__ import annotations
 
@@ -25,23 +25,28 @@ class JudgementSettings:
     """Levels at which readings count as contradictions."""
 
     outlier_level: float = 0.02
-    """Significance level of the test for an outlier [fraction of sound files]."""
+    """Significance level of the outlier test [fraction of sound files]."""
     scale_level: float = 0.01
-    """Significance level of the test for a difference in scale [fraction of sound files]. With `outlier_level` and the
-    1 % of `explained`, a false alarm comes in less than 5 of 100 sound files, whatever the number of points."""
+    """Significance level of the scale test [fraction of sound files].
+
+    With `outlier_level` and the 1 % of `explained`, a false alarm occurs in less than 5 of 100 sound files, for any
+    number of points.
+    """
     readings_level: float = 0.0025
-    """Chance at which either of the two tests of a robot's own readings fails sound ones: 1 % in a file of
-    two robots."""
+    """Significance level of each of the two tests of a robot's own readings.
+
+    Together they reject 1 % of sound files of two robots.
+    """
     relevant: float = 1e-3
-    """A smaller disagreement is not reported, however sure [m]."""
+    """Minimum disagreement that is reported [m]."""
     same_point: float = 1e-4
-    """Points nearer than this for both robots are one point [m]."""
+    """Distance below which two points of both robots are the same point [m]."""
     mirrored: float = 1e-3
     """Root mean square residual from which points may be mirror images [m]."""
     turn_off: float = math.radians(0.5)
-    """An uncertainty of rotation that is reported [rad]."""
+    """Uncertainty of rotation from which it is reported [rad]."""
     touch_noise: float = 0.5e-3
-    """Standard deviation that a touched coordinate is taken to have at most, where no noise is stated [m]."""
+    """Upper bound on the standard deviation of a touched coordinate without stated noise [m]."""
 
 
 LEVELS = JudgementSettings()
@@ -49,39 +54,39 @@ LEVELS = JudgementSettings()
 
 @dataclass(frozen=True)
 class Outlier:
-    """A point that does not belong to the others."""
+    """Point that is inconsistent with the others."""
 
     point: int
-    """Its number."""
+    """Index of the point."""
     off: float
-    """How far it is from where the other points put it [m]."""
+    """Distance from the position predicted by the other points [m]."""
     factor: float
-    """How many times better the others fit without it."""
+    """Factor by which the other points fit better without it."""
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """What contradicts that noise alone makes the robots' points differ."""
+    """Evidence that more than noise makes the robots' points differ."""
 
     too_much: bool
-    """Whether the residuals are larger than the stated noise, or TOUCH_NOISE, explains."""
+    """Flag of residuals larger than the stated noise, or `touch_noise`, explains."""
     outlier: Outlier | None
-    """The point that does not belong to the others."""
+    """Point that is inconsistent with the others, or None."""
     scale: float | None
-    """How many times larger the left robot's points are, where that is more than noise."""
+    """Scale of the left robot's points against the right's; None if noise explains it."""
 
     @property
     def contradicted(self) -> bool:
-        """Whether anything does."""
+        """Flag of any contradiction."""
         return self.too_much or self.outlier is not None or self.scale is not None
 
 
 def check_consistency(problem: CalibrationProblem, fitted: int = 0) -> Consistency:
-    """Returns what noise alone does not explain.
+    """Test the points for errors that noise does not explain.
 
     Args:
         problem: the points.
-        fitted: how many coordinates of tools were fitted to the same residuals.
+        fitted: number of tool coordinates fitted to the same residuals.
     """
     squares = least_squares(problem)
     degrees = 3 * len(problem.names) - 6 - fitted
@@ -94,14 +99,14 @@ def check_consistency(problem: CalibrationProblem, fitted: int = 0) -> Consisten
 
 
 def readings_apart(apart: FloatArray, noise: float | None, fitted: int) -> float | None:
-    """Returns how far coordinates and joint readings of one robot's points are apart at most [m], if noise is not why.
+    """Compute the largest discrepancy of a robot's two readings [m], or None if noise explains it.
 
-    All points together and, by Bonferroni's bound, the worst of them are compared with noise in both readings.
+    All points together and, by Bonferroni's bound, the worst point are compared with noise in both readings.
 
     Args:
         apart: the differences [m], shape (n, 3).
-        noise: standard deviation of each coordinate [m]; None for TOUCH_NOISE.
-        fitted: how many numbers were fitted to these differences.
+        noise: standard deviation of each coordinate [m]; None for `touch_noise`.
+        fitted: number of quantities fitted to these differences.
     """
     squares = (apart**2).sum(axis=1)
     worst, degrees = float(squares.max()), apart.size - fitted
@@ -115,7 +120,7 @@ def readings_apart(apart: FloatArray, noise: float | None, fitted: int) -> float
 
 
 def least_squares(problem: CalibrationProblem) -> float:
-    """Returns the least sum of squared residuals [m^2] that any rigid motion leaves."""
+    """Compute the least sum of squared residuals [m^2] of any rigid motion."""
     R, t = fit_rigid(problem.left, problem.right)
     return float(((problem.left - problem.right @ R.T - t) ** 2).sum())
 
@@ -123,8 +128,8 @@ def least_squares(problem: CalibrationProblem) -> float:
 def _outlier(problem: CalibrationProblem, squares: float, fitted: int) -> Outlier | None:
     """Find the point without which the others fit better at level `outlier_level`, or None.
 
-    The mean-shift test of each point, F(3, 3 n - 9) under noise of any size, and Bonferroni's bound on the most
-    extreme of n.
+    Mean-shift test of each point, F(3, 3 n - 9) under noise of any size, with Bonferroni's bound on the most extreme of
+    n points.
     """
     from scipy.special import fdtrc
 
@@ -149,10 +154,8 @@ def _outlier(problem: CalibrationProblem, squares: float, fitted: int) -> Outlie
 def _scale(problem: CalibrationProblem, squares: float, fitted: int) -> float | None:
     """Estimate the scale of the left robot's points against the right's, if significant.
 
-    None where noise has as large an effect in `scale_level` of all files, or where distances differ by less than
-    `relevant`.
-
-    The scale of least squares ([Umeyama1991]) as a seventh unknown: F(1, 3 n - 7) under noise of any size.
+    None if noise has as large an effect in `scale_level` of all files, or if distances differ by less than `relevant`.
+    The scale of least squares ([Umeyama1991]) is a seventh unknown: F(1, 3 n - 7) under noise of any size.
     """
     from scipy.special import fdtrc
 
@@ -174,34 +177,34 @@ def _scale(problem: CalibrationProblem, squares: float, fitted: int) -> float | 
 
 @dataclass(frozen=True)
 class PairDistance:
-    """The distance of two points, as both robots have it."""
+    """Distance of two points, measured by both robots."""
 
     first: str
-    """One point."""
+    """Name of the first point."""
     second: str
-    """The other."""
+    """Name of the second point."""
     left: float
-    """For the left robot [m]."""
+    """Distance for the left robot [m]."""
     right: float
-    """For the right robot [m]."""
+    """Distance for the right robot [m]."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What there is to say of a calibration."""
+    """Quality of a calibration."""
 
     residuals: FloatArray
-    """What is left at each point, left minus transformed right [m], shape (n, 3)."""
+    """Residuals, left minus transformed right [m], shape (n, 3)."""
     pairs: tuple[PairDistance, ...]
     """Distances of all pairs of points."""
     left: Spread
-    """How the left robot's points lie."""
+    """Spread of the left robot's points."""
     right: Spread
-    """How the right robot's points lie."""
+    """Spread of the right robot's points."""
     widths: FloatArray | None
     """Half widths of the 95 % intervals of translation [m] and rotation vector [rad], shape (6,)."""
     warnings: tuple[str, ...]
-    """What is wrong or weak, and what to do."""
+    """Warnings with advice."""
 
     @property
     def distances(self) -> FloatArray:
@@ -210,20 +213,20 @@ class Judgement:
 
     @property
     def rms(self) -> float:
-        """Root mean square of those lengths [m]."""
+        """Root mean square residual length [m]."""
         return float(np.sqrt((self.residuals**2).sum() / len(self.residuals)))
 
 
 def judge(
     problem: CalibrationProblem, solution: CalibrationSolution, method: str, fitted: int = 0
 ) -> Judgement:
-    """Returns residuals, distances, spread, uncertainty and warnings.
+    """Assess a calibration: residuals, distances, spread, uncertainty and warnings.
 
     Args:
         problem: the points.
-        solution: what a method made of them.
-        method: which method it was.
-        fitted: how many coordinates of tools were fitted to the same residuals.
+        solution: of the method.
+        method: name of the method.
+        fitted: number of tool coordinates fitted to the same residuals.
     """
     residuals = solution.residuals(problem.left, problem.right)
     left, right = measure_spread(problem.left), measure_spread(problem.right)
@@ -252,7 +255,7 @@ def judge(
 
 
 def _few(problem: CalibrationProblem, method: str) -> list[str]:
-    """Says so where three points are all, or more than a method uses."""
+    """Warn about three points, or about points that the frame method ignores."""
     n = len(problem.names)
     if method == "frame" and n > 3:
         others = ", ".join(problem.names[3:])
@@ -268,7 +271,7 @@ def _few(problem: CalibrationProblem, method: str) -> list[str]:
 
 
 def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list[str]:
-    """Says so where the points are nearly on a line."""
+    """Warn about points nearly on a line."""
     worst = min(left, right, key=lambda spread: spread.ratio)
     if worst.ratio >= SPREAD.nearly_a_line:
         return []
@@ -282,7 +285,7 @@ def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list
 
 
 def _repeated(problem: CalibrationProblem, pairs: tuple[PairDistance, ...]) -> list[str]:
-    """Names points that are one."""
+    """Warn about repeated points."""
     return [
         f"{pair.first} and {pair.second} are the same point (less than {LEVELS.same_point * 1000:g} mm "
         "apart): this shows how repeatable "
@@ -298,7 +301,7 @@ def _disagreement(
     consistency: Consistency,
     fitted: int,
 ) -> list[str]:
-    """Says so where the robots' points differ by more than noise."""
+    """Warn about discrepancies between the robots that exceed noise."""
     found = []
     if consistency.scale is not None:
         found.append(
@@ -332,7 +335,7 @@ def _disagreement(
 
 
 def mirrored(problem: CalibrationProblem) -> list[str]:
-    """Says so where a reflection fits far better: a sign was lost."""
+    """Warn about mirrored points: a reflection fits far better, so a sign is lost."""
     flipped = CalibrationProblem(problem.left, -problem.right, problem.names)
     plain, mirror = (math.sqrt(least_squares(p) / len(p.names)) for p in (problem, flipped))
     if plain < LEVELS.mirrored or mirror > plain / 3.0:
@@ -345,7 +348,7 @@ def mirrored(problem: CalibrationProblem) -> list[str]:
 
 
 def _uncertain(widths: FloatArray | None, method: str) -> list[str]:
-    """Says so where the uncertainty is large, or not known."""
+    """Warn about a large or unknown uncertainty."""
     if widths is None and method == "frame":
         return [
             "the uncertainty of the frame method is known only if the noise is stated (`noise: 0.5 mm`)"

@@ -12,19 +12,22 @@ from dualarm_cli.refusals import Refusal
 
 @dataclass(frozen=True)
 class CalibrationSolution:
-    """Where the right robot's base stands in the left one's: p_left = R p_right + t."""
+    """Pose of the right robot's base in the left one's: p_left = R p_right + t."""
 
     rotation: FloatArray
     """R_left_right, shape (3, 3)."""
     translation: FloatArray
-    """t: the right base's origin in the left base frame [m], shape (3,)."""
+    """Origin t of the right base in the left base frame [m], shape (3,)."""
     covariance: FloatArray | None
-    """Covariance of (t, rotation vector in the left base frame) [m, rad], shape (6, 6); None where not known."""
+    """Covariance of (t, rotation vector in the left base frame) [m, rad], shape (6, 6).
+
+    None if unknown.
+    """
     degrees: int | None
-    """Degrees of freedom of the residuals that the noise was estimated from; None where it was stated."""
+    """Degrees of freedom of the noise estimate; None for stated noise."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("rotation", "translation", "covariance"):
             value = getattr(self, name)
             object.__setattr__(self, name, None if value is None else readonly(value))
@@ -37,35 +40,38 @@ class CalibrationSolution:
         return readonly(T)
 
     def residuals(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """Returns what is left of points (n, 3) [m] at each point [m], shape (n, 3)."""
+        """Compute the residuals [m] of points (n, 3) [m], shape (n, 3)."""
         found: FloatArray = left - (right @ self.rotation.T + self.translation)
         return found
 
 
 LEAST_POINTS = 3
-"""Fewest points that can determine a pose."""
+"""Minimum number of points that determine a pose."""
 
 
 @dataclass(frozen=True)
 class CalibrationProblem:
-    """n points in the base frames of both robots."""
+    """Points touched by both robots, in both base frames."""
 
     left: FloatArray
     """Points in the left robot's base frame [m], shape (n, 3)."""
     right: FloatArray
     """The same points in the right robot's base frame [m], shape (n, 3)."""
     names: tuple[str, ...]
-    """What the points are called."""
+    """Names of the points."""
     noise: float | None = None
-    """Standard deviation of each measured coordinate of either robot [m]; None where it is not known."""
+    """Standard deviation of each measured coordinate [m], or None if unknown."""
     origin: int = 1
-    """Which of the first three points is the origin of the frame method; P2, as [Qin2024] computed."""
+    """Index of the frame method's origin among the first three points.
+
+    [Qin2024] computed with P2.
+    """
 
     def __post_init__(self) -> None:
-        """Freezes the arrays.
+        """Freeze the arrays.
 
         Raises:
-            ValueError: shapes that do not fit, numbers that are not finite, an impossible noise or origin.
+            ValueError: shapes do not match, a number is not finite, or the noise or origin is invalid.
             InfeasibleError: fewer than three points.
         """
         for name in ("left", "right"):
@@ -83,7 +89,7 @@ class CalibrationProblem:
 
 
 def refuse_few(count: int) -> None:
-    """Raises where there are fewer points than can determine a pose.
+    """Raise unless there are enough points to determine a pose.
 
     Raises:
         InfeasibleError: fewer than three.

@@ -1,4 +1,4 @@
-"""The rigid motion between two sets of points: least squares, and the three-point frame method of [Qin2024]."""
+"""Rigid motion between two point sets: least squares, and [Qin2024]'s frame method."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from dualarm_cli.geometry.rotations import log_rotation, skew
 from dualarm_cli.refusals import Refusal
 
 STEP = 1e-6
-"""Step of the finite differences, relative to the size of the triangle."""
+"""Step of the finite differences, relative to the triangle's size."""
 
 
 def solve_frame(problem: CalibrationProblem) -> CalibrationSolution:
-    """Returns the pose of a frame on the first three points as both robots see it ([Qin2024] Eq. 7 to 10).
+    """Compute the relative pose from frames on the first three points ([Qin2024] Eq. 7 to 10).
 
-    Other points play no part. How sure it is can be said where the noise is stated only: the method leaves no
-    residuals of its own to estimate it from.
+    Other points are ignored. The uncertainty is known only for stated noise: the method has no residuals to estimate it
+    from.
 
     Args:
         problem: three points or more.
@@ -37,9 +37,9 @@ def solve_frame(problem: CalibrationProblem) -> CalibrationSolution:
 
 
 def point_frame(points: FloatArray) -> FloatArray:
-    """Returns rotations (..., 3, 3) of the frames on three points (..., 3, 3), x, y, z in the columns.
+    """Build the frames on three points (..., 3, 3), as rotations (..., 3, 3).
 
-    x along P1P2, z along P1P2 × P1P3, y = z × x ([Qin2024] section 2.3).
+    Columns: x along P1P2, z along P1P2 × P1P3, y = z × x ([Qin2024] section 2.3).
     """
     x = points[..., 1, :] - points[..., 0, :]
     z = np.cross(x, points[..., 2, :] - points[..., 0, :])
@@ -51,12 +51,14 @@ def point_frame(points: FloatArray) -> FloatArray:
 def relative_pose(
     left: FloatArray, right: FloatArray, origin: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns rotations (..., 3, 3) and translations (..., 3) [m] of T_left_cal T_right_cal^-1 ([Qin2024] Eq. 10).
+    """Compute the relative pose T_left_cal T_right_cal^-1 ([Qin2024] Eq. 10).
+
+    Returns rotations (..., 3, 3) and translations (..., 3) [m].
 
     Args:
         left: three points in the left frame [m], shape (..., 3, 3), a point a row.
         right: the same points in the right frame [m], shape (..., 3, 3).
-        origin: which of them is the frame's origin. It matters where the triangles are not congruent; the paper's
+        origin: index of the point at the frame's origin. It matters if the triangles are not congruent; the paper's
             text says P1 (0) and its printed matrices have P2 (1).
     """
     R = point_frame(left) @ np.swapaxes(point_frame(right), -1, -2)
@@ -64,7 +66,7 @@ def relative_pose(
 
 
 def _covariance(problem: CalibrationProblem, R: FloatArray, t: FloatArray) -> FloatArray:
-    """Returns the pose's covariance for a noise of 1 m in every coordinate, to first order, shape (6, 6)."""
+    """Compute the pose's first-order covariance for unit noise, shape (6, 6)."""
     points = np.stack([problem.left, problem.right])
     step = STEP * float(np.ptp(points, axis=1).max())
     moved = points + step * np.eye(18).reshape(18, 2, 3, 3)
@@ -79,13 +81,13 @@ def _covariance(problem: CalibrationProblem, R: FloatArray, t: FloatArray) -> Fl
 
 
 LOOSEST = np.pi / 2.0
-"""Half width of the rotation's 95 % interval from which on it means nothing [rad]."""
+"""Half width of the rotation's 95 % interval from which the result is refused [rad]."""
 
 
 def solve_least_squares(problem: CalibrationProblem) -> CalibrationSolution:
-    """Returns the pose of least squares over all points ([Kabsch1976], [Umeyama1991] without scale).
+    """Compute the least-squares pose over all points ([Kabsch1976], [Umeyama1991] without scale).
 
-    With equal noise in every coordinate of both robots this is the estimate of greatest likelihood.
+    With equal noise in every coordinate of both robots this is the maximum-likelihood estimate.
 
     Args:
         problem: three points or more.
@@ -107,7 +109,7 @@ def solve_least_squares(problem: CalibrationProblem) -> CalibrationSolution:
 
 
 def refuse_loose_turn(covariance: FloatArray, degrees: int | None, noise: float) -> None:
-    """Raises where the rotation is so unsure that it means nothing.
+    """Raise if the rotation's uncertainty is too large to be useful.
 
     Args:
         covariance: of translation and rotation vector, shape (6, 6).
@@ -126,7 +128,9 @@ def refuse_loose_turn(covariance: FloatArray, degrees: int | None, noise: float)
 
 
 def fit_rigid(left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns rotations (..., 3, 3) and translations (..., 3) [m] of least squares, for many sets of points.
+    """Fit rigid motions to many point sets by least squares.
+
+    Returns rotations (..., 3, 3) and translations (..., 3) [m].
 
     With H = sum (l - mean l) (r - mean r)^T = U S V^T, R = U diag(1, 1, det U V^T) V^T: the last sign keeps
     it from being a reflection.
@@ -145,7 +149,7 @@ def fit_rigid(left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def residual_variance(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Returns the variance of one coordinate of a residual [m^2], shape (...): sum of squares / (3 n - 6).
+    """Estimate the variance of a residual's coordinate [m^2]: sum of squares / (3 n - 6).
 
     Args:
         left: points in the left frame [m], shape (..., n, 3), n > 2.
@@ -160,14 +164,13 @@ def residual_variance(left: FloatArray, right: FloatArray) -> FloatArray:
 def pose_covariance(
     left: FloatArray, right: FloatArray, R: FloatArray, variance: FloatArray | float
 ) -> FloatArray:
-    """Returns covariances (..., 6, 6) of translation and rotation vector [m, rad] of least squares.
+    """Compute covariances (..., 6, 6) of the least-squares pose [m, rad].
 
-    A small turn w about the centroid moves point x by w × x, so that its information is (tr(M) I - M) / variance
-    with M = sum x x^T, and that of a shift of the centroid n / variance; neither knows of the other. The right
-    base's origin, t - centroid away, moves by shift + w × (t - centroid). To first order; our own derivation.
-    Intervals of single numbers stay right where the rotation is unsure by several degrees; the region of all six
-    together does not, as the origin then moves on an arc: on the triangle of [Qin2024] it covers 94 % with a noise of
-    0.5 mm, but 85 % with 2 mm.
+    A small turn w about the centroid moves point x by w × x, so that its information is (tr(M) I - M) / variance with M
+    = sum x x^T; that of a shift of the centroid is n / variance, and the two are independent. The right base's origin,
+    t - centroid away, moves by shift + w × (t - centroid). First order; own derivation. Intervals of single numbers
+    stay valid for rotations uncertain by several degrees. The joint region of all six does not, because the origin then
+    moves on an arc: on the triangle of [Qin2024] it covers 94 % with a noise of 0.5 mm, but 85 % with 2 mm.
 
     Args:
         left: points in the left frame [m], shape (..., n, 3).

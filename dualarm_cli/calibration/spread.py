@@ -15,7 +15,7 @@ from dualarm_cli.refusals import Refusal
 
 
 def interval_factor(degrees: int | None) -> float:
-    """Returns how many standard deviations an interval of one number reaches to either side.
+    """Compute the half width of an interval in standard deviations.
 
     Args:
         degrees: of freedom of the noise's estimate (Student's t); None where the noise is stated (normal).
@@ -28,11 +28,11 @@ def interval_factor(degrees: int | None) -> float:
 
 
 def region_limit(degrees: int | None, count: int = 6) -> float:
-    """Returns the largest squared Mahalanobis distance of the region of `count` numbers together.
+    """Compute the squared Mahalanobis radius of the joint region of `count` numbers.
 
     Args:
         degrees: of freedom of the noise's estimate: count F(count, degrees); None where it is stated: chi squared.
-        count: how many numbers.
+        count: number of quantities.
     """
     from scipy.special import chdtri, fdtri
 
@@ -42,20 +42,22 @@ def region_limit(degrees: int | None, count: int = 6) -> float:
 
 
 def half_widths(covariance: FloatArray, degrees: int | None) -> FloatArray:
-    """Returns the half widths (n,) of the intervals of single numbers with a covariance (n, n)."""
+    """Compute the half widths (n,) of the intervals of single numbers from a covariance (n, n)."""
     deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     found: FloatArray = interval_factor(degrees) * deviations
     return found
 
 
 def explained(squares: float, degrees: int, variance: float, level: float = 0.01) -> bool:
-    """Returns whether noise of that variance leaves residuals as large as these with a chance of at least `level`.
+    """Test whether noise explains residuals of this size.
+
+    True if residuals at least as large occur with probability `level`.
 
     Args:
         squares: sum of squared residuals [m^2].
         degrees: their degrees of freedom.
         variance: of one residual [m^2].
-        level: the chance.
+        level: significance level.
     """
     from scipy.special import chdtrc
 
@@ -67,20 +69,22 @@ class SpreadSettings:
     """Levels and limits of a calibration's uncertainty."""
 
     weakest: float = 1e-3
-    """Singular values below this, relative to the largest of the scaled Jacobian, count as zero: there noise would come
-    out a thousand times as large."""
+    """Relative singular value of the scaled Jacobian below which it counts as zero.
+
+    There noise would be amplified a thousand times.
+    """
     share: float = 1e-4
-    """A parameter with a larger share than this in an unseen direction is not determined."""
+    """Component in an unobservable direction above which a parameter is undetermined."""
     on_a_line: float = 1e-6
-    """Height over length below which they are on a line, whatever the noise."""
+    """Ratio of height to length below which points are on a line, for any noise."""
     noise_factor: float = 3.0
-    """A height below this many times the noise is no height."""
+    """Ratio of height to noise below which the height is insignificant."""
     scale_limit: float = 2.0
-    """A ratio of lengths beyond which the two robots cannot have touched the same points."""
+    """Ratio of lengths from which the robots cannot have touched the same points."""
     level: float = 0.95
     """Confidence of intervals and regions."""
     nearly_a_line: float = 0.2
-    """Height over length below which points are called nearly on a line."""
+    """Ratio of height to length below which points are nearly on a line."""
 
 
 SPREAD = SpreadSettings()
@@ -88,23 +92,23 @@ SPREAD = SpreadSettings()
 
 @dataclass(frozen=True)
 class Sight:
-    """How a Jacobian sees its parameters."""
+    """Observability of parameters from a Jacobian."""
 
     inverse: FloatArray
-    """Pseudo-inverse over the directions that it sees, shape (k, m)."""
+    """Pseudo-inverse over the observable directions, shape (k, m)."""
     seen: BoolArray
-    """Which parameters are determined, shape (k,)."""
+    """Mask of determined parameters, shape (k,)."""
     unseen: FloatArray
-    """Directions that are not, a row each, scaled parameters, shape (j, k)."""
+    """Unobservable directions as rows, in scaled parameters, shape (j, k)."""
     rank: int
-    """How many directions it sees."""
+    """Number of observable directions."""
 
     def covariance(self, variance: float) -> FloatArray:
-        """Returns the covariance (k, k) of the parameters for a variance of each residual."""
+        """Compute the covariance (k, k) of the parameters from the variance of each residual."""
         return variance * self.inverse @ self.inverse.T
 
     def in_words(self, names: Sequence[str]) -> list[str]:
-        """Returns each direction that is not seen, as a sum of parameters with their shares."""
+        """Describe each unobservable direction as a sum of parameters."""
         found = []
         for row in self.unseen:
             largest = [k for k, share in enumerate(row) if abs(share) > 0.05]
@@ -115,11 +119,11 @@ class Sight:
 
 
 def look(jacobian: FloatArray, scale: FloatArray) -> Sight:
-    """Returns what a Jacobian determines.
+    """Analyse the observability of parameters by a singular value decomposition.
 
     Args:
         jacobian: of m residuals by k parameters, shape (m, k).
-        scale: size of each parameter that counts as one, so that columns can be compared, shape (k,).
+        scale: unit of each parameter, which makes columns comparable, shape (k,).
     """
     _, values, Vt = np.linalg.svd(jacobian * scale, full_matrices=True)
     count = jacobian.shape[1]
@@ -135,16 +139,19 @@ def look(jacobian: FloatArray, scale: FloatArray) -> Sight:
 
 @dataclass(frozen=True)
 class Spread:
-    """How the points of one robot lie."""
+    """Spread of one robot's points."""
 
     length: float
-    """Distance of the two points that are farthest apart [m]."""
+    """Distance of the two farthest points [m]."""
     height: float
-    """Largest distance of a point from the line through those two [m]; of three points the triangle's height."""
+    """Largest distance of a point from the line through the two farthest points [m]."""
     ends: tuple[int, int]
-    """Those two points."""
+    """Indices of the two farthest points."""
     deviations: tuple[float, float, float]
-    """Root mean squares along the principal axes [m]: singular values of the centred points over sqrt(n)."""
+    """Root mean squares along the principal axes [m].
+
+    Singular values of the centred points over sqrt(n).
+    """
 
     @property
     def ratio(self) -> float:
@@ -153,7 +160,7 @@ class Spread:
 
 
 def measure_spread(points: FloatArray) -> Spread:
-    """Returns how points (n, 3) [m] lie."""
+    """Measure the spread of points (n, 3) [m]."""
     apart = distances(points)
     i, j = (int(k) for k in np.unravel_index(np.argmax(apart), apart.shape))
     length = float(apart[i, j])
@@ -166,13 +173,13 @@ def measure_spread(points: FloatArray) -> Spread:
 
 
 def distances(points: FloatArray) -> FloatArray:
-    """Returns the distances between points (n, 3) [m], shape (n, n)."""
+    """Compute the distances between points (n, 3) [m], shape (n, n)."""
     found: FloatArray = np.linalg.norm(points[:, None] - points[None], axis=-1)
     return found
 
 
 def refuse_lines(problem: CalibrationProblem) -> None:
-    """Raises where the points cannot determine a pose.
+    """Raise if the points cannot determine a pose.
 
     Raises:
         InfeasibleError: the two robots' points differ in size, or they are on a line.

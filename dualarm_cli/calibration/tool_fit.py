@@ -1,4 +1,4 @@
-"""A robot's tool and the height of its base, from joint readings: tip = p(q) + R(q) tool + height z."""
+"""Fit of a tool and base height to joint readings: tip = p(q) + R(q) tool + height z."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class Flanges:
     """p_base_flange [m], shape (n, 3)."""
 
     def tips(self, tool: FloatArray, height: float = 0.0) -> FloatArray:
-        """Returns the tips [m] (n, 3) of a tool (3,) [m], all raised by a height [m]."""
+        """Compute the tips (n, 3) [m] of a tool (3,) [m], raised by a height [m]."""
         found: FloatArray = self.position + self.rotation @ tool + np.array([0.0, 0.0, height])
         return found
 
 
 def flange_poses(robot: Robot, joints: FloatArray) -> Flanges:
-    """Returns where the flange of a robot of one arm is.
+    """Compute the flange poses of a single-arm robot.
 
     Args:
         robot: a robot of one arm.
@@ -49,7 +49,10 @@ def flange_poses(robot: Robot, joints: FloatArray) -> Flanges:
 
 
 def second_joint_height(robot: Robot) -> float | None:
-    """Returns how high the second joint's origin is above the base [m], where the first turns about the vertical."""
+    """Compute the height of the second joint above the base [m].
+
+    None unless the first joint turns about the vertical.
+    """
     model = pin.buildModelFromXML(robot.urdf)
     data = model.createData()
     joints = [model.getJointId(name) for name in robot.arms[0].joints]
@@ -67,17 +70,17 @@ def second_joint_height(robot: Robot) -> float | None:
 def touched_points(
     side: str, touch: TouchSide, use: str, tool: FloatArray, height: float = 0.0
 ) -> FloatArray:
-    """Returns a robot's points in its base frame [m], shape (n, 3).
+    """Compute a robot's points in its base frame [m], shape (n, 3).
 
     Args:
         side: `left` or `right`, for messages.
-        touch: what it has touched.
-        use: `joints` or `xyz`: which of the two is taken where a point has both.
+        touch: its readings.
+        use: `joints` or `xyz`: the reading that is used if a point has both.
         tool: tip of the tool in the flange frame [m], shape (3,).
         height: added along the base frame's z [m].
 
     Raises:
-        UsageError: a named kind of reading is asked for that no point has.
+        UsageError: no point has the requested kind of reading.
     """
     has = {"joints": touch.read, "xyz": touch.measured}
     if not has[use].any() and not has["xyz" if use == "joints" else "joints"].all():
@@ -90,36 +93,36 @@ def touched_points(
 
 
 TOOL = ("tool x", "tool y", "tool z")
-"""What the tool's coordinates are called."""
+"""Names of the tool's coordinates."""
 HEIGHT = "base height"
-"""What the shift of the robot along its base frame's z is called."""
+"""Name of the robot's shift along its base frame's z."""
 
 
 @dataclass(frozen=True)
 class ToolFit:
-    """What was found of one robot."""
+    """Fitted tool and base height of one robot."""
 
     names: tuple[str, ...]
-    """What was fitted: tool x, tool y, tool z, base height, or some of them."""
+    """Names of the fitted parameters: tool x, tool y, tool z, base height."""
     values: FloatArray
-    """Their values [m]; those that are not determined are as they were before, shape (k,)."""
+    """Fitted values [m], shape (k,); undetermined ones keep their previous value."""
     determined: BoolArray
-    """Which of them the data determine, shape (k,)."""
+    """Mask of determined parameters, shape (k,)."""
     covariance: FloatArray | None
-    """Their covariance [m^2], shape (k, k); None where nothing says how large the noise is."""
+    """Covariance [m^2], shape (k, k); None if the noise is unknown."""
     degrees: int | None
-    """Degrees of freedom of the residuals that the noise was estimated from; None where it was stated."""
+    """Degrees of freedom of the noise estimate; None for stated noise."""
     rms: float
-    """Root mean square of the distances that are left [m]."""
+    """Root mean square residual distance [m]."""
     unseen: tuple[str, ...]
-    """Directions that the data do not see, in words."""
+    """Unobservable directions, as text."""
 
     def value(self, name: str, default: float) -> float:
-        """Returns a value [m], or the default for one that was not fitted."""
+        """Return a value [m], or the default for a parameter that was not fitted."""
         return float(self.values[self.names.index(name)]) if name in self.names else default
 
     def tool(self, before: FloatArray) -> FloatArray:
-        """Returns the tool's tip (3,) [m]; `before` where it was not fitted."""
+        """Return the tool's tip (3,) [m]; `before` if it was not fitted."""
         values = [self.value(name, float(v)) for name, v in zip(TOOL, before, strict=True)]
         return readonly(values)
 
@@ -131,12 +134,12 @@ def fit_tool(
     fitted: tuple[str, ...],
     noise: float | None,
 ) -> ToolFit:
-    """Returns the tool and base height of least squares: xyz = p(q) + R(q) tool + height z, which is linear.
+    """Fit tool and base height by linear least squares: xyz = p(q) + R(q) tool + height z.
 
     Args:
-        flanges: where the flange was at n points.
+        flanges: flange poses at n points.
         xyz: measured coordinates of the tip [m], shape (n, 3).
-        tool: the tool as the file has it [m], shape (3,); what the data do not determine stays as it is here.
+        tool: tool in the file [m], shape (3,); undetermined parameters keep its values.
         fitted: `tool`, `base_height` or both.
         noise: standard deviation of each coordinate [m]; None to estimate it from the residuals.
     """

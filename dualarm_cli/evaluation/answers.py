@@ -1,4 +1,4 @@
-"""Requests answered: from a store where it knows the answer, by a crew or a cluster otherwise."""
+"""Evaluations of requests, from the store, or else from a crew or cluster."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.records import dataclass
 
 Run = Callable[[Sequence[Request]], Iterator[tuple[int, Evaluation]]]
-"""Evaluates requests: yields the place of each and what it came to, in the order in which they are done."""
+"""Function that evaluates requests: yields each one's index and evaluation on completion."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What one request came to."""
+    """Evaluation of one request."""
 
     index: int
-    """Its place among the requests."""
+    """Index of the request."""
     evaluation: Evaluation
-    """What it came to."""
+    """Result of the request."""
     known: bool
     """Whether the store knew."""
 
@@ -34,13 +34,13 @@ def answers(
     store: Store | None,
     seen: dict[str, str] | None = None,
 ) -> Iterator[Answer]:
-    """Yields an answer to every request: those that the store knows first, the others as they are done.
+    """Yield the evaluation of every request: stored ones first, others on completion.
 
     Args:
-        requests: any number; those that are the same are evaluated once.
-        run: evaluates what is not known; not called where all is.
-        store: of answers, which new ones are kept in; None for none.
-        seen: hashes by path of the files that earlier answers were made from, added to; None where there are none.
+        requests: any number; equal requests are evaluated once.
+        run: evaluates requests that the store lacks; not called if it has all.
+        store: of evaluations, extended by new ones, or None.
+        seen: hashes by path of the files of earlier evaluations, extended; None for no earlier ones.
 
     Raises:
         InputError: a file changed meanwhile, so that answers cannot be compared with each other.
@@ -66,11 +66,7 @@ def answers(
 
 
 def _compare_inputs(request: Request, answer: Evaluation, seen: dict[str, str]) -> None:
-    """Makes sure that a file holds the same in all answers.
-
-    Raises:
-        InputError: one does not.
-    """
+    """Raise InputError if a file changed between two evaluations."""
     for name, held in answer.inputs.items():
         path = path_of(name, request.folder)
         if path not in seen:

@@ -1,4 +1,4 @@
-"""The same evaluations on a Dask cluster: each thread of its workers has a crew of one process."""
+"""Evaluations on a Dask cluster: each worker thread has a crew of one process."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ClusterSettings:
-    """Times that a cluster is given [s]."""
+    """Time limits of a cluster [s]."""
 
     connecting: float = 10.0
-    """Longest time in which a scheduler has to answer [s]."""
+    """Maximum time for a scheduler to answer [s]."""
     poll: float = 0.02
     """Interval between checks for finished requests [s]."""
     look: float = 5.0
     """Interval between checks for workers while no request is finished [s]."""
     deserted: float = 60.0
-    """Longest time that a cluster may be without workers [s].
+    """Maximum time of a cluster without workers [s].
 
-    Workers that die may be started again meanwhile.
+    Workers that died may be restarted meanwhile.
     """
     closing: float = 1.0
-    """Longest time in which the connection has to close [s]."""
+    """Maximum time to close the connection [s]."""
 
 
 WAITS = ClusterSettings()
@@ -43,24 +43,24 @@ ELSEWHERE = (
     "a worker of the cluster lacks this file or has another version of it; give workers the same files at the same "
     "paths, such as in a shared folder"
 )
-"""Message of a case whose files other machines lack or have otherwise."""
+"""Message on a case whose files differ on a worker."""
 OTHER_PROGRAMS = (
     "a worker that joined the cluster later has another version of dualarm, of Python or of a library, and may plan "
     "differently; install the same versions there"
 )
-"""Message of a case that came to a worker which was not there when all were compared."""
+"""Message on a case that a later, different worker received."""
 _here = threading.local()
 
 
 class Cluster:
-    """A Dask cluster whose workers have this very version of dualarm."""
+    """Dask cluster whose workers have the same versions of all programs."""
 
     def __init__(self, address: str, timeout: float | None = None) -> None:
-        """Connects, and compares what plans there with what plans here.
+        """Connect, and compare the workers' programs with those here.
 
         Args:
             address: of the scheduler, such as `tcp://10.0.0.1:8786`.
-            timeout: how long one request may take [s]; None for no limit.
+            timeout: maximum time of one request [s]; None for no limit.
 
         Raises:
             MissingDependencyError: `distributed` is not installed.
@@ -86,20 +86,20 @@ class Cluster:
             raise
 
     def __enter__(self) -> Cluster:
-        """Returns itself."""
+        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Takes leave of the cluster."""
+        """Disconnect from the cluster."""
         self.close()
 
     def close(self) -> None:
-        """Takes leave of the cluster; what it is doing for this client it does no longer, as soon as it can stop."""
+        """Disconnect from the cluster; running requests stop as soon as they can."""
         with suppress(Exception):
             self._client.close(timeout=WAITS.closing)
 
     def _check(self, address: str) -> None:
-        """Raises UsageError where no worker is there, or one would plan otherwise."""
+        """Raise UsageError if there are no workers, or one has different programs."""
         try:
             there: Mapping[str, Mapping[str, str]] = self._client.run(_programs_there)
         except Exception as error:
@@ -125,7 +125,7 @@ class Cluster:
                 )
 
     def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
-        """Yields the place of each request and what it came to, in the order in which they are done.
+        """Yield the index and evaluation of each request on completion.
 
         Args:
             requests: any number; their files are read by the workers, at the same paths.
@@ -170,14 +170,17 @@ class Cluster:
                 self._client.cancel([future for future in places if not future.done()])
 
     def _has_workers(self) -> bool:
-        """Returns whether there are workers; true where nobody answers, as the client itself gives that up."""
+        """Test whether the cluster has workers; true if the scheduler does not answer.
+
+        The client itself gives up on the scheduler then.
+        """
         try:
             return bool(self._client.nthreads())
         except Exception:
             return True
 
     def _refuse_deserted(self, seen: float) -> None:
-        """Raises UsageError where the last worker was seen too long ago."""
+        """Raise UsageError if the last worker was seen too long ago."""
         if time.monotonic() > seen + WAITS.deserted:
             raise UsageError(
                 f"--scheduler {self._address}: it has had no workers for {WAITS.deserted:g} s; start some by "
@@ -186,10 +189,10 @@ class Cluster:
 
 
 def _ask(address: str) -> None:
-    """Makes sure that a scheduler answers at an address, before a client of its own kind waits for it.
+    """Check that a scheduler answers at an address, before a client waits for it.
 
     Raises:
-        UsageError: nobody answers, or something else than a scheduler.
+        UsageError: no answer, or one of another program.
     """
     from distributed import Security
     from distributed.core import rpc
@@ -216,22 +219,22 @@ def _no_scheduler(address: str, why: object) -> UsageError:
 
 
 def _programs_there() -> dict[str, str]:
-    """Returns what plans on a worker."""
+    """Return the versions of a worker's programs."""
     return dict(programs())
 
 
 def evaluate_there(
     request: Mapping[str, Any], timeout: float | None, wanted: str
 ) -> dict[str, Any] | None:
-    """Returns what a request comes to, as a document; runs on a worker of the cluster.
+    """Evaluate a request in a worker's own process, and return a document.
 
-    A process of its own does it, as it would without a cluster: one that dies or takes too long does not take the
-    worker with it, and threads of a worker do not share a planner.
+    As without a cluster, a separate process isolates the worker from crashes and timeouts, and threads of a worker do
+    not share a planner.
 
     Args:
         request: as a document.
-        timeout: how long it may take [s]; None for no limit.
-        wanted: hash of the programs that are to plan; None is returned where others would.
+        timeout: maximum time [s]; None for no limit.
+        wanted: required hash of the programs; None is returned for another hash.
     """
     if digest(dict(programs())) != wanted:
         return None

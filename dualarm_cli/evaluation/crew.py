@@ -1,4 +1,4 @@
-"""Crew: processes that evaluate requests, supervised: one that dies or takes too long costs its own request only."""
+"""Crew of supervised worker processes; a crash or timeout costs only its own request."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ _START = (
 
 @dataclass(frozen=True)
 class CrewSettings:
-    """Attempts and times that processes are given."""
+    """Limits on attempts and times of processes."""
 
     most_words: int = 200
-    """Longest last message of a process that is reported."""
+    """Maximum length of a process's reported last message."""
     longest_start: float = 120.0
     """Maximum time for a process to load its libraries [s]."""
     longest_wait: float = 3600.0
-    """Longest time that is waited at once [s]; the kernel counts no further than some weeks."""
+    """Longest single wait [s]; the kernel's timers end at some weeks."""
     failed_starts: int = 3
-    """After how many processes that die before they are ready it is given up."""
+    """Number of consecutive failed starts after which the crew gives up."""
     attempts: int = 2
-    """Attempts at a request whose process dies or takes too long."""
+    """Maximum number of attempts at a request whose process dies or times out."""
 
 
 CREW = CrewSettings()
@@ -49,17 +49,17 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @dataclass(frozen=True)
 class Attempt:
-    """One try at one request."""
+    """Attempt at one request."""
 
     index: int
     number: int = 1
 
 
 class WorkerProcess:
-    """One process, and what it is doing."""
+    """Worker process and its current request."""
 
     def __init__(self, first: Attempt | None) -> None:
-        """Starts the process; `first` is what it will do first, None for anything."""
+        """Start the process; `first` reserves it for an attempt."""
         self.first = first
         self.attempt: Attempt | None = None
         self.ready = False
@@ -91,7 +91,7 @@ class WorkerProcess:
             os.close(theirs)
 
     def give(self, attempt: Attempt, request: Request) -> None:
-        """Begins a request; a process that has died meanwhile is found out by its silence."""
+        """Send a request; the death of the process is detected later, when it is read."""
         self.attempt, self.first, self.since = attempt, None, time.monotonic()
         # The process writes from the same place on: what it said of earlier requests is forgotten.
         os.ftruncate(self._errors, 0)
@@ -102,7 +102,7 @@ class WorkerProcess:
             _pipe(self.process).flush()
 
     def read(self) -> tuple[list[Any], bool]:
-        """Returns the documents that have come, and whether the process has ended."""
+        """Read the complete documents, and whether the process has ended."""
         ended = False
         while True:
             try:
@@ -117,7 +117,7 @@ class WorkerProcess:
         return [json.loads(line) for line in lines], ended
 
     def end(self) -> str:
-        """Ends the process at once and returns what it ended by: signal or exit code, and its last words if any."""
+        """Kill the process and describe its end: signal or exit code, and last message."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
         code = self.process.wait()
@@ -128,7 +128,7 @@ class WorkerProcess:
         return ended_by(code) + (f" ({words})" if words else "")
 
     def _last_words(self) -> str:
-        """Returns the last line that the process wrote to stderr."""
+        """Return the last line that the process wrote to stderr."""
         if not self._open:
             return ""
         size = os.fstat(self._errors).st_size
@@ -138,7 +138,7 @@ class WorkerProcess:
         return line if len(line) <= CREW.most_words else f"{line[: CREW.most_words]} ..."
 
     def _close(self) -> None:
-        """Closes what is read from the process."""
+        """Close the pipes and the error file."""
         if self._open:
             self._open = False
             os.close(self.answers)
@@ -146,12 +146,12 @@ class WorkerProcess:
 
 
 def _pipe(process: subprocess.Popen[bytes]) -> Any:
-    """Returns the pipe to a process's stdin, which all have that this module starts."""
+    """Return the pipe to a process's stdin, which every worker has."""
     return process.stdin
 
 
 def ended_by(code: int) -> str:
-    """Returns what a process ended by.
+    """Describe the end of a process.
 
     Args:
         code: as `subprocess` gives it.
@@ -166,43 +166,43 @@ def ended_by(code: int) -> str:
 
 
 class WorkersFailedError(DualArmError):
-    """No process could be started that evaluates anything."""
+    """Error: no worker process could be started."""
 
     exit_code = 4
 
 
 class Crew:
-    """As many processes as are wanted, started when there is work and kept warm until `close`."""
+    """Pool of worker processes, started on demand and kept until `close`."""
 
     def __init__(self, processes: int, timeout: float | None = None) -> None:
-        """Prepares; nothing is started yet.
+        """Store the limits; no process is started yet.
 
         Args:
-            processes: how many there are at most, one or more.
-            timeout: how long one request may take [s], from when a process that is ready begins; None for no limit.
+            processes: maximum number, at least one.
+            timeout: maximum time of one request in a ready process [s]; None for no limit.
         """
         self._processes, self._timeout = max(1, processes), timeout
         self._workers: list[WorkerProcess] = []
         self._failed_starts: list[str] = []
 
     def __enter__(self) -> Crew:
-        """Returns itself."""
+        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Ends all processes."""
+        """End all processes."""
         self.close()
 
     def close(self) -> None:
-        """Ends all processes at once."""
+        """End all processes at once."""
         while self._workers:
             self._workers[-1].end()
             self._workers.pop()
 
     def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
-        """Returns the place of each request and what it came to, in the order in which they are done.
+        """Yield the index and evaluation of each request on completion.
 
-        Processes are started at once, and load their libraries while the caller still prepares to listen.
+        Processes start at once, and load their libraries while the caller prepares to listen.
 
         Args:
             requests: any number.
@@ -244,7 +244,7 @@ class Crew:
     def _assign(
         self, requests: Sequence[Request], waiting: deque[Attempt], again: deque[Attempt]
     ) -> None:
-        """Gives work to processes that are ready, and starts some where there is more work than processes."""
+        """Give requests to ready processes, and start processes for the others."""
         for worker in self._workers:
             if worker.ready and worker.attempt is None:
                 attempt = worker.first or (waiting.popleft() if waiting else None)
@@ -315,7 +315,7 @@ class Crew:
         again: deque[Attempt],
         status: Status,
     ) -> list[tuple[int, Evaluation]]:
-        """Ends a process that died or is late, and returns the request that is given up for it, if one is."""
+        """End a dead or late process, and return its request if it is given up."""
         self._workers.remove(worker)
         ended = worker.end()
         if not worker.ready:

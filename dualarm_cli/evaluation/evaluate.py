@@ -1,4 +1,4 @@
-"""One job read, planned and judged; every error becomes a status."""
+"""Evaluation of one job: read, plan and verify it; every error becomes a status."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ MOST_FINDINGS = 20
 
 
 def evaluate(request: Request) -> Evaluation:
-    """Returns what a request comes to.
+    """Evaluate a request.
 
     Raises:
-        MemoryError: there is too little of it: no message can be relied on then.
+        MemoryError: out of memory, when no message is reliable.
     """
     with recorded_reads() as record:
         try:
@@ -58,10 +58,10 @@ def evaluate(request: Request) -> Evaluation:
 
 
 def settings_of(request: Request) -> PlanSettings:
-    """Returns what a request is planned by.
+    """Build the planning settings of a request.
 
     Raises:
-        UnknownSolverError: no family has a solver that is named.
+        UnknownSolverError: a named solver does not exist.
     """
     plain = PlanSettings(
         timing=request.timing, blend=request.blend, effort=request.effort, seed=request.seed
@@ -78,12 +78,12 @@ def _evaluated(request: Request) -> Evaluation:
 
 
 def evaluation_of(case: str, plan: Plan, page: bool = False) -> Evaluation:
-    """Returns the evaluation of a plan: judged, measured, compared with its budget.
+    """Build the evaluation of a plan: verdict, figures and budget.
 
     Args:
-        case: what the job is called.
+        case: name of the job.
         plan: the judged plan.
-        page: whether the data of its page are wanted.
+        page: whether to include the data of its page.
     """
     schedule, job = plan.schedule, plan.job
     failures = () if schedule.verification is None else schedule.verification.failures
@@ -128,7 +128,7 @@ def _finite(value: float | None) -> float | None:
 
 
 def _limits(limits: JointLimits) -> dict[str, dict[str, float]]:
-    """Returns the finite limits of each joint."""
+    """Collect the finite limits of each joint."""
     return {
         joint: {
             name: value
@@ -147,7 +147,7 @@ def _failed(request: Request, status: Any, findings: list[Finding]) -> Evaluatio
 
 
 def _located(error: InfeasibleError, case: str) -> Finding:
-    """Returns a finding at the first place of what cannot be done; of the case where it has none."""
+    """Locate a finding at the first refusal with a place, or else at the case."""
     for one in error.refusals:
         if one.place is not None and one.place.file:
             place = one.place.file, one.place.line, one.place.column

@@ -1,4 +1,4 @@
-"""Hash of everything that decides an evaluation: files, settings, replaced values, programs."""
+"""Hash of everything that determines an evaluation: files, settings, replaced values, programs."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import read_bytes
 
 BUNDLED = "bundled:"
-"""What the names of files begin with that come with this package."""
+"""Name prefix of files bundled with this package."""
 GONE = "gone"
-"""What stands for the hash of a file that cannot be read."""
+"""Placeholder for the hash of an unreadable file."""
 MOST_BYTES = 50_000_000
-"""Largest file that is hashed [bytes]: the largest mesh that is read."""
+"""Maximum size of a hashed file [B], as for meshes."""
 
 
 def names_of(record: Mapping[str, str], folder: str) -> dict[str, str]:
-    """Returns the hashes of files by their names from a folder, sorted.
+    """Name files relative to a folder, and sort their hashes by name.
 
     Args:
-        record: hashes by the paths as they were opened.
+        record: hashes by the paths as opened.
         folder: the task file's, absolute.
     """
     return dict(sorted((_name(path, folder), digest) for path, digest in record.items()))
@@ -56,10 +56,10 @@ def hashes_now(names: Iterable[str], folder: str, known: dict[str, str]) -> dict
 
 
 def path_of(name: str, folder: str) -> str:
-    """Returns the path of a file, not made shorter.
+    """Return the path of a file, not resolved.
 
     Args:
-        name: as `names_of` gives it.
+        name: in the form of `names_of`.
         folder: the task file's, absolute.
     """
     if name.startswith(BUNDLED):
@@ -96,26 +96,26 @@ LIBRARIES = (
     "pydantic",
     "PyYAML",
 )
-"""Packages that decide results."""
+"""Packages that affect results."""
 
 
 def canonical(document: Any) -> str:
-    """Returns a JSON document as text that is the same for the same data; refuses NaN."""
+    """Encode JSON-ready data as text, equal for equal data; NaN is refused."""
     return json.dumps(
         document, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=True
     )
 
 
 def digest(document: Any) -> str:
-    """Returns the SHA-256 of a JSON document."""
+    """Compute the SHA-256 of a JSON document."""
     return hashlib.sha256(canonical(document).encode()).hexdigest()
 
 
 @cache
 def programs() -> Mapping[str, str]:
-    """Returns what plans here: versions of this package, its libraries and Python, and a hash of its own code.
+    """List versions of this package, its libraries and Python, and a hash of its code.
 
-    The code is hashed as well since a version stays the same while somebody works on it.
+    The code is hashed because a version stays the same during development.
     """
     found = {
         "dualarm": __version__,
@@ -142,21 +142,21 @@ def _sources() -> str:
 
 
 def question(request: Request) -> dict[str, Any]:
-    """Returns what is asked, without what the files hold and where they are; figures do not depend on the page."""
+    """Return the request without its path and the flag of the page."""
     document = request.as_document()
     del document["path"], document["page"]
     return document
 
 
 def answer_key(request: Request, inputs: Mapping[str, str]) -> str:
-    """Returns the key of a request's answer: the same if nothing differs that decides it.
+    """Compute the key of a request's answer from everything that determines it.
 
-    A job is read from its task file on, and each file says which ones follow. So where all the files that were read
-    once still hold the same, the same ones would be read again.
+    A job is read from its task file on, and each file names those that follow. So if all files read before are
+    unchanged, the same files would be read again.
 
     Args:
-        request: what is asked.
-        inputs: hashes of the files that it is read from, by their names.
+        request: the request.
+        inputs: hashes of its files by name.
     """
     return digest(
         {
@@ -170,6 +170,6 @@ def answer_key(request: Request, inputs: Mapping[str, str]) -> str:
 
 @cache
 def _project(folder: str) -> str:
-    """Returns the project folder from a task file's: paths may not lead out of it."""
+    """Return the project folder relative to a task file's; paths must stay inside it."""
     real = os.path.realpath(folder)
     return os.path.relpath(Project.of(Path(real) / "tasks.yaml").folder, real)

@@ -1,12 +1,10 @@
-"""Store: evaluations by what decides them, in a folder that several processes may use at once.
+"""Store of evaluations, in a folder that several processes may use at once.
 
-Each entry is a file of its own, written beside its place and moved into it, and carries its own checksum. Whatever is
-cut off, changed or of another format is as if it were not there. There are no locks: who writes last has written the
-same as who wrote before.
+Each entry is a separate file with a checksum, written to a temporary file and then moved. Truncated, changed or foreign
+entries count as missing. There are no locks: concurrent writers of an entry write the same content.
 
-`answers/` holds evaluations by `answer_key`, and `pages/` by the same key the data of those plans' pages that were
-asked for. `files/` holds, for a task file with what it contains, the names of the
-files that it was read from the last time; with these and what they hold now the key of the answer is known without
+`answers/` holds evaluations by `answer_key`, and `pages/` requested page data by the same key. `files/` holds the names
+of the files read for a task file of given content; with their present hashes the key of the answer is computed without
 reading the job.
 """
 
@@ -36,30 +34,30 @@ from dualarm_cli.model.evaluation import REPEATABLE, Evaluation
 
 FORMAT = "dualarm.cache/1"
 DEFAULT_FOLDER = ".dualarm-cache"
-"""Where answers are kept, in the working directory."""
+"""Default folder of the store in the working directory."""
 ABANDONED = 3600.0
-"""Files in the making that are older than this were left by a process that was killed [s]."""
+"""Age from which a temporary file counts as left by a killed process [s]."""
 ROUNDING = 1e-9
-"""Share by which figures of one plan may disagree."""
+"""Relative tolerance between figures of one plan."""
 MOST_BYTES = 50_000_000
 """Maximum size of an entry, and of an unpacked page [B]."""
 
 
 class Store:
-    """Answers that are known already."""
+    """Store of evaluations."""
 
     def __init__(self, folder: Path) -> None:
-        """Opens a store; its folder is made when something is kept."""
+        """Open a store; its folder is created on the first write."""
         self.folder = folder
         self.problem = ""
-        """Why an answer could not be kept; empty while all could."""
+        """Reason why an answer could not be written; empty if all could."""
         self._hashes: dict[str, str] = {}
         _remove_abandoned(folder / "making")
 
     def find(self, request: Request) -> Evaluation | None:
-        """Returns the answer to a request, or None where it is not known for what the files hold now.
+        """Look up the answer for a request's present files, or return None.
 
-        An answer without the page that is asked for is not known either.
+        An answer without the requested page counts as missing.
         """
         names = self._read("files", self._files_key(request))
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -87,9 +85,9 @@ class Store:
         return replace(found, page=str(page))
 
     def keep(self, request: Request, answer: Evaluation) -> None:
-        """Keeps an answer, if the same input always comes to it and the files still hold what it was made from.
+        """Store an answer if it is repeatable and its files are unchanged.
 
-        What cannot be written is not kept: `problem` then says why.
+        If it cannot be written, `problem` has the reason.
         """
         if answer.status not in REPEATABLE or not answer.inputs:
             return
@@ -106,7 +104,10 @@ class Store:
             self.problem = self.problem or (error.strerror or type(error).__name__)
 
     def _files_key(self, request: Request, fresh: bool = False) -> str:
-        """Returns the key of what a task file was read from: by its name, what it holds and what replaces it."""
+        """Compute the key of a task file's list of files.
+
+        It depends on the file's name, content and replaced values.
+        """
         known = {} if fresh else self._hashes
         held = hashes_now([request.file], request.folder, known)[request.file]
         return digest({"question": question(request), "task": held if held != GONE else ""})
@@ -115,7 +116,7 @@ class Store:
         return self.folder / kind / key[:2] / f"{key[2:]}.json"
 
     def _read(self, kind: str, key: str) -> Any:
-        """Returns what an entry holds; None where there is none that is whole."""
+        """Read the content of an entry; None if it is missing or damaged."""
         try:
             entry = json.loads(read_bytes(self._place(kind, key), key, MOST_BYTES))
         except (InputError, ValueError, RecursionError):
@@ -130,7 +131,7 @@ class Store:
         return content if whole else None
 
     def _write(self, kind: str, key: str, content: Any) -> None:
-        """Writes an entry whole or not at all.
+        """Write an entry atomically.
 
         Raises:
             OSError: it cannot be written.
@@ -142,7 +143,7 @@ class Store:
         self._move_in(self._place(kind, key), canonical(entry).encode())
 
     def _move_in(self, place: Path, data: bytes) -> None:
-        """Writes a file of the store beside its place, onto the disk, and then moves it there.
+        """Write a file to a temporary place, flush it to the disk, and move it.
 
         Raises:
             OSError: it cannot be written.

@@ -1,4 +1,4 @@
-"""The robot's URDF with everything that stands around it: tools, tool centre points, obstacles, hulls of meshes."""
+"""URDF of the whole cell: robot, tools, tool centre points, obstacles and collision hulls."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from dualarm_cli.model.shape import Shape
 from dualarm_cli.records import dataclass
 
 GROUND = (6.0, 0.01)
-"""Side and thickness of the plate that stands for a half-space, which a URDF cannot hold [m]."""
+"""Side and thickness of the plate that replaces a half-space in a URDF [m]."""
 
 
 @dataclass(frozen=True)
 class CellUrdf:
-    """A URDF and the mesh files that it names."""
+    """URDF and its mesh files."""
 
     text: str
-    """Of the URDF."""
+    """Text of the URDF."""
     meshes: Mapping[str, bytes] = field(default_factory=dict)
-    """STL files beside the URDF, by name."""
+    """STL files by name, to be written next to the URDF."""
 
 
 def cell_urdf(cell: Cell) -> CellUrdf:
-    """Returns a cell as one URDF whose moving joints are the robot's, in their order.
+    """Build the URDF of a cell; its moving joints are the robot's, in their order.
 
     Tools are links fixed to the flanges, `left_tcp` and `right_tcp` stand for tool centre points, and obstacles are
     fixed to the robot's root link, whose pose in the cell is in `schedule.json`. Changed tools and carried parts come
@@ -64,13 +64,13 @@ def cell_urdf(cell: Cell) -> CellUrdf:
 
 
 class _Writer:
-    """Writes shapes as elements of links, and hulls as files."""
+    """Writer of shapes as link elements, and of hulls as STL files."""
 
     def __init__(self) -> None:
         self.meshes: dict[str, bytes] = {}
 
     def with_shapes(self, link: Element, shapes: tuple[Shape, ...], holder: pin.SE3) -> Element:
-        """Returns a link with solids added, for viewers and for collision checking.
+        """Add solids to a link, as visual and collision elements.
 
         Args:
             link: without them.
@@ -87,7 +87,7 @@ class _Writer:
         return Element("link", link.attributes, children=[*link.children, *added])
 
     def _geometries(self, body: str, shape: Shape) -> list[tuple[pin.SE3, Element]]:
-        """Returns what a shape is made of in a URDF, each where it is in the shape's frame."""
+        """Convert a shape to URDF primitives with their poses in the shape's frame."""
         here = pin.SE3.Identity()
         if shape.kind == "box":
             return [(here, _box(*shape.size))]
@@ -111,7 +111,7 @@ class _Writer:
         return [rod, *((pose, Element("sphere", {"radius": r})) for pose, r in ends)]
 
     def _mesh(self, body: str, shape: Shape) -> str:
-        """Returns the name of a hull's file, which is added where it is new."""
+        """Return the file name of a hull's mesh; a new mesh is added."""
         assert shape.hull is not None
         content = stl_bytes(shape.hull)
         for path, known in self.meshes.items():
@@ -128,7 +128,7 @@ def _box(x: float, y: float, z: float) -> Element:
 
 
 def _fixed(child: str, parent: str, pose: pin.SE3, taken: set[str]) -> Element:
-    """Returns the joint that fixes a link to another one."""
+    """Build the joint that fixes a link to its parent."""
     joint = Element("joint", {"name": _free(f"{child}_mount", taken), "type": "fixed"})
     joint.children = [
         Element("origin", origin_words(pose)),
@@ -139,7 +139,7 @@ def _fixed(child: str, parent: str, pose: pin.SE3, taken: set[str]) -> Element:
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """Returns a name that nothing has yet, and takes it."""
+    """Reserve an unused name."""
     found, number = name, 2
     while found in taken:
         found, number = f"{name}_{number}", number + 1

@@ -1,4 +1,4 @@
-"""A JSON document read piece by piece; a member that cannot be understood is refused with its path."""
+"""Streaming JSON reader that reports the path of each invalid member."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ReadingLimits:
-    """Limits on files that are read."""
+    """Limits on the size of JSON documents."""
 
     value: int = 1 << 25
-    """Longest text of a value that is taken in one piece [characters]."""
+    """Maximum length of a value read in one piece [characters]."""
     cut: int = 16
-    """So many last characters of what was read may mean something else with the missing rest."""
+    """Length of the text's end that may change its meaning with more input [characters]."""
     file: int = 4_000_000_000
-    """Largest document that is read [bytes]."""
+    """Maximum size of a document [B]."""
     numbers: int = 200_000_000
-    """Most numbers of all its tables together."""
+    """Maximum total of numbers in all tables."""
     depth: int = 1
-    """Objects of tables within an object of tables."""
+    """Maximum nesting depth of objects within an object of tables."""
     rows: int = 2_000_000
-    """Longest list of anything else."""
+    """Maximum length of any other list."""
     batch: int = 1 << 20
-    """Text of a table that is turned into an array at a time [characters]."""
+    """Length of table text that is converted to an array at once [characters]."""
     block: int = 1 << 20
-    """Bytes that are read at a time."""
+    """Number of bytes read at once."""
 
 
 JSON = ReadingLimits()
 
 
 class JsonStream:
-    """The values of one JSON text in their order; numbers may be NaN and infinite, as in Python's own reader."""
+    """Stream of the values of a JSON text; NaN and infinities are allowed, as in Python's reader."""
 
     def __init__(
         self, file: BinaryIO, make_object: Callable[[list[tuple[str, Any]]], dict[str, Any]]
     ) -> None:
-        """Starts at a file's first character.
+        """Start at a file's first character.
 
         Args:
             file: JSON in UTF-8.
@@ -61,15 +61,15 @@ class JsonStream:
 
     @property
     def consumed(self) -> int:
-        """Characters that are read."""
+        """Number of characters read."""
         return self._before + self._at
 
     def line_of(self, error: json.JSONDecodeError) -> int:
-        """Returns the line of the file, counted from 1, that an error of this reader is at."""
+        """Compute the line in the file, counted from 1, of an error of this stream."""
         return self._lines + error.lineno
 
     def peek(self) -> str:
-        """Returns the next character that is no space; empty at the end."""
+        """Return the next character that is not white space; empty at the end."""
         while True:
             while self._at < len(self._text) and self._text[self._at] in " \t\n\r":
                 self._at += 1
@@ -80,7 +80,7 @@ class JsonStream:
             self._read_on()
 
     def value(self) -> Any:
-        """Returns the next value.
+        """Read the next value.
 
         Raises:
             json.JSONDecodeError: there is none, or its text is too long.
@@ -103,7 +103,7 @@ class JsonStream:
             self._read_on()
 
     def members(self) -> Iterator[str]:
-        """Yields the keys of the object that comes next; whoever asks reads each one's value."""
+        """Yield the keys of the next object; the caller reads each key's value."""
         for _ in self._entries("{", "}"):
             if self.peek() != '"':
                 raise self._error("Expecting property name enclosed in double quotes")
@@ -112,12 +112,12 @@ class JsonStream:
             yield key
 
     def items(self) -> Iterator[Any]:
-        """Yields the values of the list that comes next."""
+        """Yield the values of the next list."""
         for _ in self._entries("[", "]"):
             yield self.value()
 
     def end(self) -> None:
-        """Makes sure that nothing follows.
+        """Raise JSONDecodeError unless the text ends here.
 
         Raises:
             json.JSONDecodeError: something does.
@@ -146,7 +146,7 @@ class JsonStream:
         return json.JSONDecodeError(message, self._text, self._at)
 
     def _read_on(self) -> None:
-        """Appends more of the file to the text that is left: at least as much again, so that all is read but twice."""
+        """Append at least as much text as is left, so that each character is copied at most twice."""
         rest = self._text[self._at :]
         self._lines += self._text.count("\n", 0, self._at)
         self._before += self._at
@@ -162,18 +162,18 @@ _WORDS: dict[type, str] = {dict: "an object", list: "a list"}
 
 
 class JsonReader:
-    """Reads one document; every method but `document` takes the path that a message names."""
+    """Reader of one document; its methods take the path for messages."""
 
     def __init__(self, file: str) -> None:
-        """Stores the file's name for messages."""
+        """Store the file's name for messages."""
         self._file = file
 
     def fail(self, where: str, what: str, line: int = 0) -> NoReturn:
-        """Raises InputError for a member."""
+        """Raise InputError for a member."""
         raise InputError([Diagnostic(self._file, line, 0, "E110", f"{where}: {what}")])
 
     def document(self, file: Path, tables: Collection[str]) -> dict[str, Any]:
-        """Returns the object in a file; NaN and infinities are read as such.
+        """Read the object in a file, including NaN and infinities.
 
         Args:
             file: the file.
@@ -200,7 +200,7 @@ class JsonReader:
             self.fail("schedule", "is not JSON in UTF-8, or is nested too deeply")
 
     def _members(self, stream: JsonStream, tables: Collection[str]) -> dict[str, Any]:
-        """Returns the object of a whole text."""
+        """Read the object of a whole text."""
         if stream.peek() != "{":
             stream.value()
             self.fail("schedule", "must be an object")
@@ -224,7 +224,10 @@ class JsonReader:
         return found
 
     def _tables(self, stream: JsonStream, path: str, left: list[int]) -> dict[str, Any]:
-        """Returns an object whose lists are arrays, as are those of objects in it; `left` numbers in all may come."""
+        """Read an object whose lists become arrays, also in nested objects.
+
+        `left` is the number of numbers that may still come.
+        """
         members: list[tuple[str, Any]] = []
         for key in stream.members():
             if stream.peek() == "[":
@@ -269,14 +272,14 @@ class JsonReader:
         return members
 
     def member(self, parent: dict[str, Any], key: str, kind: type, path: str = "") -> Any:
-        """Returns a member that must be there and of a kind (dict or list)."""
+        """Return a required member of a given type (dict or list)."""
         value = parent.get(key)
         if not isinstance(value, kind):
             self.fail(path or key, "is missing" if key not in parent else f"must be {_WORDS[kind]}")
         return value
 
     def text(self, parent: dict[str, Any], key: str, path: str, default: str = "") -> str:
-        """Returns a member that must be text, if it is there."""
+        """Return an optional member that must be text."""
         value = parent.get(key, default)
         if not isinstance(value, str):
             self.fail(path, "must be text")
@@ -289,7 +292,7 @@ class JsonReader:
         path: str,
         default: Sequence[str] | None = None,
     ) -> list[str]:
-        """Returns a member that must be a list of texts; without a default it must be there."""
+        """Return a list of texts; it is required unless a default is given."""
         value = parent.get(key)
         if value is None and default is not None:
             return list(default)
@@ -300,7 +303,7 @@ class JsonReader:
     def number(
         self, parent: dict[str, Any], key: str, path: str, default: float | None
     ) -> float | None:
-        """Returns a member that must be a finite number, or the default where it is null or not there."""
+        """Return a finite number, or the default if it is null or missing."""
         value = parent.get(key, default)
         if value is None:
             return default
@@ -317,21 +320,21 @@ class JsonReader:
         return number
 
     def instant(self, parent: dict[str, Any], key: str, path: str) -> float:
-        """Returns a finite number that must be there."""
+        """Return a required finite number."""
         value = self.number(parent, key, path, None)
         if value is None:
             self.fail(path, "is missing")
         return value
 
     def array(self, value: object, path: str, shape: tuple[int, ...]) -> FloatArray:
-        """Returns numbers of a shape; NaN and infinities pass, anything else does not."""
+        """Return an array of a given shape; it may hold NaN and infinities."""
         array = self._numbers(value, path)
         if array.shape != shape:
             self.fail(path, f"must have shape {shape}, not {array.shape}")
         return array
 
     def _numbers(self, value: object, path: str) -> FloatArray:
-        """Returns numbers of any shape."""
+        """Convert a value to an array of numbers of any shape."""
         try:
             array = np.asarray(value)
         except (TypeError, ValueError, OverflowError):
@@ -344,7 +347,7 @@ class JsonReader:
     def each(
         self, parent: dict[str, Any], key: str, read: Callable[[dict[str, Any], str], Row]
     ) -> list[Row]:
-        """Returns what `read` makes of every object in a list, none where there is no list."""
+        """Read every object of an optional list."""
         rows = parent.get(key)
         if rows is None:
             return []

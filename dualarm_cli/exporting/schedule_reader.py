@@ -1,4 +1,4 @@
-"""Reads `schedule.json` back; defects of the motion are left for the verifier to find."""
+"""Reader of `schedule.json`; it leaves defects of the motion to the verifier."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ from dualarm_cli.model.trajectory import Trajectory
 SEGMENT_KINDS: tuple[str, ...] = get_args(SegmentKind)
 WAIT_REASONS: tuple[str, ...] = get_args(WaitReason)
 UNIT_TOLERANCE = 1e-6
-"""How far a quaternion may be from unit length."""
+"""Tolerance on the length of a unit quaternion."""
 
 
 def read_schedule(path: Path) -> Schedule:
-    """Returns the schedule in a file, or in the folder's `schedule.json`.
+    """Read a schedule from a file, or from a folder's `schedule.json`.
 
     NaN in a trajectory, unsorted times and broken limits are read as they are: they are findings, not crashes.
     Stated facts that the data model derives itself (`duration`, `files`) are kept in `extra`.
@@ -81,7 +81,7 @@ def read_schedule(path: Path) -> Schedule:
 
 
 def torn_files(path: Path, schedule: Schedule) -> list[str]:
-    """Returns the files beside a schedule that are not those it was written with.
+    """List the files of a schedule's set that are missing or changed.
 
     Args:
         path: the schedule's file or folder.
@@ -102,7 +102,7 @@ def torn_files(path: Path, schedule: Schedule) -> list[str]:
 
 
 def _provenance(value: object) -> Provenance:
-    """Returns where a schedule says it comes from; unknown where it does not say."""
+    """Read the provenance; missing members become unknown."""
     known = value if isinstance(value, dict) else {}
     inputs, settings = known.get("inputs"), known.get("settings")
     seed = known.get("seed")
@@ -115,10 +115,10 @@ def _provenance(value: object) -> Provenance:
 
 
 class _Reader(JsonReader):
-    """Reads the members of a schedule."""
+    """Reader of a schedule's members."""
 
     def stated(self, document: dict[str, Any]) -> dict[str, Any]:
-        """Returns what the file says of itself: its duration and the hashes of the files beside it."""
+        """Read the stated duration, and the hashes of the set's other files."""
         stated: dict[str, Any] = {}
         duration = self.number(document, "duration", "duration", None)
         if duration is not None:
@@ -131,7 +131,7 @@ class _Reader(JsonReader):
     def motion(
         self, document: dict[str, Any], robot: dict[str, Any], joints: tuple[str, ...]
     ) -> JointMotion:
-        """Returns the motion; every joint belongs to one group."""
+        """Read the motion; every joint belongs to one group."""
         part = self.member(document, "motion", dict)
         names = self.member(robot, "groups", dict, "robot.groups")
         groups = {name: tuple(self.names(names, name, f"robot.groups.{name}")) for name in names}
@@ -146,7 +146,7 @@ class _Reader(JsonReader):
         )
 
     def group(self, part: dict[str, Any], name: str, joints: tuple[str, ...]) -> Trajectory:
-        """Returns the motion of a group of joints from its accelerations and anchors."""
+        """Integrate a group's motion from its accelerations and anchors."""
         path = f"motion.{name}"
         time = self.vector(part, "time", path)
         anchor = self.vector(part, "anchor", path)
@@ -166,7 +166,7 @@ class _Reader(JsonReader):
             return followed(joints, time, acceleration, anchors)
 
     def vector(self, part: dict[str, Any], key: str, path: str) -> FloatArray:
-        """Returns a list of at least one number."""
+        """Return a non-empty list of numbers."""
         value = part.get(key)
         if not isinstance(value, np.ndarray):
             self.fail(f"{path}.{key}", "must be a list" if key in part else "is missing")
@@ -215,7 +215,7 @@ class _Reader(JsonReader):
         )
 
     def urdf(self, name: str, folder: Path) -> str:
-        """Reads the URDF beside the schedule; never from outside its folder."""
+        """Read the URDF in the schedule's folder; files outside it are refused."""
         try:
             file = (folder / name).resolve()
             inside = bool(name) and file.is_relative_to(folder.resolve())
@@ -245,7 +245,7 @@ class _Reader(JsonReader):
         )
 
     def limits(self, part: object, joints: tuple[str, ...]) -> JointLimits:
-        """Returns the stated limits; infinite and `unstated` where there are none."""
+        """Read the stated limits; missing ones are infinite and `unstated`."""
         if not isinstance(part, dict):
             self.fail("robot.limits", "must be an object by joint")
         open_ended = {"lower": -math.inf, "upper": math.inf}

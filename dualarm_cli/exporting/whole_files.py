@@ -1,4 +1,4 @@
-"""Files written whole or not at all."""
+"""Atomic file writes: each file is written completely or not changed."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from dualarm_cli.errors import OutputError
 
 _PART = ".part"
 _FRESH = 1.0
-"""How long a file that is being written may have no lock yet [s]."""
+"""Maximum time between the creation of a temporary file and its lock [s]."""
 
 
 def write_file(path: Path, content: bytes, force: bool) -> None:
-    """Writes one file whole or not at all.
+    """Write one file atomically.
 
     Raises:
         OutputError: it already exists and `force` is not given, or it cannot be written.
@@ -40,7 +40,7 @@ def write_file(path: Path, content: bytes, force: bool) -> None:
 
 
 def place_in(folder: Path, name: str) -> Path:
-    """Return the real path of a file of a folder, with symbolic links followed.
+    """Resolve the real path of a folder's file; symbolic links are followed.
 
     Raises:
         OutputError: it is outside the folder.
@@ -54,10 +54,10 @@ def place_in(folder: Path, name: str) -> Path:
 
 
 def replace_all(folder: Path, files: Mapping[str, Iterable[bytes]]) -> None:
-    """Write the files of a folder, each whole or not at all.
+    """Write the files of a folder, each atomically.
 
-    Each is written beside its place from its parts; then all are moved, in order. A symbolic link within the folder
-    stays one: what it leads to is replaced. A file that already exists keeps its permissions.
+    Each is first written to a temporary file in the same folder; then all are moved, in order. The target of a symbolic
+    link within the folder is replaced, not the link. An existing file keeps its permissions.
 
     Args:
         folder: where to; made if need be.
@@ -103,7 +103,7 @@ def _written_beside(place: Path, content: Iterable[bytes]) -> Iterator[Path]:
 
 
 def _remove_abandoned(place: Path) -> None:
-    """Removes what killed processes have left beside a place: files that nobody has locked any more."""
+    """Remove unlocked temporary files, which killed processes have left."""
     beginning = f".{place.name}."
     for path in place.parent.iterdir():
         if not (path.name.startswith(beginning) and path.name.endswith(_PART)):
@@ -118,11 +118,11 @@ def _remove_abandoned(place: Path) -> None:
 
 
 def write_new(folder: Path, content: Iterable[bytes]) -> Path:
-    """Writes content to a new file whose name nothing else has, and onto the disk.
+    """Write content to a new file with a unique name, flushed to the disk.
 
     Args:
         folder: where it is made.
-        content: parts of what it holds; whoever may read other new files of this process may read it.
+        content: parts of the file, which gets the permissions of any new file of this process.
 
     Raises:
         OSError: it cannot be written; nothing is left of it.
@@ -146,7 +146,7 @@ def _fill(file: BinaryIO, content: Iterable[bytes], mode: int) -> None:
 
 
 def _mode_of(place: Path) -> int:
-    """Returns the permissions of a file, or those of a new one."""
+    """Return the permissions of an existing file, or the default ones."""
     with contextlib.suppress(FileNotFoundError):
         return stat.S_IMODE(place.stat().st_mode)
     return _new_mode()

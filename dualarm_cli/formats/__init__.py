@@ -1,4 +1,4 @@
-"""The schedule in formats that other programs read; FORMATS lists them."""
+"""Export formats for other programs, listed in FORMATS."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _without_controllers(request: ExportRequest) -> str | None:
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """A format, written by `files(request)` of a module, which returns contents by file name."""
+    """Export format, written by `files(request)` of its module, by file name."""
 
     module: str
     """Module of this folder, imported on use together with its libraries."""
@@ -40,10 +40,10 @@ class ExportFormat:
     motion: str = ""
     """Contents of motion: trajectories, samples or frames; empty for none."""
     refuses: Callable[[ExportRequest], str | None] = _always_supported
-    """A reason of its own why a request is outside this format, or None."""
+    """Additional check: reason why a request is unsupported, or None."""
 
     def why_unsupported(self, request: ExportRequest) -> str | None:
-        """State why a request is outside this format, or None."""
+        """Explain why a request is unsupported, or return None."""
         duration = request.schedule.duration
         if self.needs_job and request.job is None:
             return "the format shows the cell; name the task file"
@@ -64,11 +64,11 @@ FORMATS: Mapping[str, ExportFormat] = {
     "perfetto": ExportFormat("perfetto_trace"),
     "gltf": ExportFormat("gltf_file", needs_job=True, motion="frames"),
 }
-"""By name."""
+"""Export formats by name."""
 
 
 def export(name: str, request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Make the files of one format, by their names.
+    """Build the files of one format, by their names.
 
     Args:
         name: of the format, one of FORMATS; it supports the request.

@@ -1,4 +1,4 @@
-"""The moving cell as a scene of glTF 2.0 in one binary file."""
+"""Export of the moving cell as a glTF 2.0 scene in one binary file."""
 
 from __future__ import annotations
 
@@ -19,15 +19,18 @@ from dualarm_cli.page.things import things
 from dualarm_cli.verification.as_done import job_as_done
 
 FLOAT, UNSIGNED = 5126, 5125
-"""Types of components: float32 and uint32."""
+"""Component types: float32 and uint32."""
 VERTICES, INDICES = 34962, 34963
 """Targets of buffer views."""
 Y_UP = (-(0.5**0.5), 0.0, 0.0, 0.5**0.5)
-"""Turns z, which is up in a cell, to y, which is up in glTF."""
+"""Quaternion that turns z, up in a cell, to y, up in glTF."""
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Returns one file: links, tools, obstacles and parts as meshes, joints as animated nodes; lengths in m."""
+    """Build the scene file; lengths are in m.
+
+    Links, tools, obstacles and parts are meshes; joints are animated nodes.
+    """
     schedule, job = request.schedule, request.job
     assert job is not None
     hulls, scene = DrawnHulls(), _Scene()
@@ -66,7 +69,7 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
 
 
 def _motion(body: Mapping[str, Any], positions: FloatArray) -> tuple[str, FloatArray]:
-    """Returns what of a joint's node changes, and its values."""
+    """Return the animated property of a joint's node, and its values."""
     axis = np.array(body["axis"])
     if body["slides"]:
         return "translation", positions[:, None] * axis
@@ -75,9 +78,9 @@ def _motion(body: Mapping[str, Any], positions: FloatArray) -> tuple[str, FloatA
 
 
 def _instants(thing: Mapping[str, Any], frames: FloatArray) -> FloatArray:
-    """Returns the instants at which a thing's pose is stated: where it changes hands, and all while an arm carries it.
+    """Select the instants of an object's keyframes: at changes of carrier, and throughout carrying.
 
-    What lies, or moves with a conveyor, is straight in between.
+    Between keyframes a lying object, or one on a conveyor, moves linearly.
     """
     steps = thing["keyframes"]
     ends = np.array([*(step["time"] for step in steps), frames[-1]])
@@ -89,7 +92,7 @@ def _instants(thing: Mapping[str, Any], frames: FloatArray) -> FloatArray:
 
 
 def _distinct(times: FloatArray) -> BoolArray:
-    """Returns which of rising times (m,) single precision tells from the one before: in glTF they must rise."""
+    """Mark the times (m,) that still rise in single precision, as glTF requires."""
     single = times.astype(np.float32)
     return np.concatenate([[True], np.diff(single) > 0.0])
 
@@ -121,7 +124,7 @@ def _way(
 
 
 class _Scene:
-    """Collects nodes, meshes and arrays of one glTF file."""
+    """Builder of the nodes, meshes and arrays of a glTF file."""
 
     def __init__(self) -> None:
         self.nodes: list[dict[str, Any]] = []
@@ -134,7 +137,7 @@ class _Scene:
         self.content = bytearray()
 
     def node(self, name: str, parent: int | None, placed: Mapping[str, Any]) -> int:
-        """Adds a node below another one, and returns its number."""
+        """Add a child node and return its number."""
         number = len(self.nodes)
         self.nodes.append({"name": name, **placed})
         if parent is not None:
@@ -144,7 +147,7 @@ class _Scene:
     def array(
         self, values: Any, kind: str, target: int | None = None, *, extremes: bool = False
     ) -> int:
-        """Adds an array of float32 or uint32, shape (m, c), and returns its accessor."""
+        """Add an array of float32 or uint32, shape (m, c), and return its accessor."""
         whole = np.issubdtype(np.asarray(values).dtype, np.integer)
         rows = np.ascontiguousarray(values, dtype="<u4" if whole else "<f4")
         view: dict[str, Any] = {"buffer": 0, "byteOffset": len(self.content)}
@@ -165,7 +168,7 @@ class _Scene:
         return len(self.accessors) - 1
 
     def solid(self, solid: Mapping[str, Any], node: int, role: str, hulls: DrawnHulls) -> None:
-        """Adds a solid of the page's data below a node."""
+        """Add a solid of the page's data below a node."""
         corners, triangles = solid_mesh(solid, hulls)
         attributes = {"POSITION": self.array(corners, "VEC3", VERTICES, extremes=True)}
         indices = self.array(triangles.reshape(-1, 1), "SCALAR", INDICES)
@@ -178,7 +181,7 @@ class _Scene:
         return self.materials.setdefault(role, len(self.materials))
 
     def animate(self, node: int, times: int, path: str, values: FloatArray) -> None:
-        """Adds a channel that changes a node's translation or rotation linearly between instants."""
+        """Add a channel that interpolates a node's translation or rotation linearly."""
         kind = "VEC3" if path == "translation" else "VEC4"
         sampler = {"input": times, "output": self.array(values, kind), "interpolation": "LINEAR"}
         self.samplers.append(sampler)
@@ -186,7 +189,7 @@ class _Scene:
         self.channels.append({"sampler": len(self.samplers) - 1, "target": target})
 
     def binary(self, version: str) -> bytes:
-        """Returns the file: a header, the scene as JSON, and the arrays."""
+        """Encode the file: a header, the scene as JSON, and the arrays."""
         scene = {
             "asset": {"version": "2.0", "generator": f"dualarm {version}"},
             "scene": 0,

@@ -1,4 +1,4 @@
-"""Markers of the cell and its events, and the frames of the robot's links.
+"""Visualisation markers of the cell and its events, and the tree of link frames.
 
 Markers are rows of visualization_msgs/Marker. The links of a schedule's URDF form a tree of frames, as in tf.
 """
@@ -23,7 +23,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.verification.as_done import job_as_done
 
 CUBE, SPHERE, CYLINDER, TEXT, TRIANGLES = 1, 2, 3, 9, 11
-"""Types of markers."""
+"""Marker types."""
 COLOURS = {
     "obstacle": (0.55, 0.55, 0.6, 0.8),
     "link": (0.8, 0.8, 0.8, 1.0),
@@ -33,9 +33,9 @@ COLOURS = {
 }
 """Red, green, blue and opacity by namespace."""
 TEXT_HEIGHT = 0.05
-"""Of the words at an event [m]."""
+"""Height of an event's text [m]."""
 TEXT_TIME = 1
-"""How long they stay [s]."""
+"""Display time of an event's text [s]."""
 
 Rows = list[dict[str, Any]]
 
@@ -43,9 +43,10 @@ Rows = list[dict[str, Any]]
 def marker_rows(
     request: ExportRequest, world: str, frames: Sequence[LinkFrame]
 ) -> Iterator[tuple[int, Rows]]:
-    """Yields times [ns] and the markers that are set then: obstacles, hulls of links, parts, changed tools, events.
+    """Yield times [ns] and the markers set then.
 
-    A part is fixed to the frame of the link that carries it, or to the world; on a conveyor it is set anew at the rate.
+    Markers show obstacles, hulls of links, parts, changed tools and events. A part is fixed to the frame of the link
+    that carries it, or to the world; on a conveyor it is set anew at the sampling rate.
 
     Args:
         request: with a job.
@@ -74,7 +75,7 @@ def marker_rows(
 def _body_names(
     model: pin.Model, frames: Sequence[LinkFrame], world: str
 ) -> dict[int, tuple[str, pin.SE3]]:
-    """Returns, by a body's number, the frame that it is and where the body is in that frame."""
+    """Map each body number to its link frame and its pose in that frame."""
     root = next(frame for frame in frames if frame.parent == world)
     own = {frame.joint: frame.name for frame in frames if frame.joint}
     found = {WORLD_BODY: (world, pin.SE3.Identity()), 0: (root.name, pin.SE3.Identity())}
@@ -92,7 +93,7 @@ def _thing(
     request: ExportRequest,
     hulls: DrawnHulls,
 ) -> Iterator[tuple[int, Rows]]:
-    """Yields the markers of a part or a changed tool, each time that somebody else holds it."""
+    """Yield the markers of a part or a changed tool at each change of carrier."""
     steps = thing["keyframes"]
     ends = [*(step["time"] for step in steps[1:]), request.schedule.duration]
     for step, end in zip(steps, ends, strict=True):
@@ -121,7 +122,7 @@ def _marker(
     time: int,
     hulls: DrawnHulls,
 ) -> dict[str, Any]:
-    """Returns the marker of a solid; a capsule is the cylinder of its whole length."""
+    """Build the marker of a solid; a capsule becomes a cylinder of the same total length."""
     frame, pose = holder
     pose = pose * _pose(solid)
     size, kind = solid["size"], solid["kind"]
@@ -143,7 +144,7 @@ def _marker(
 
 
 def _words(event: Event, number: int, time: int, world: str) -> dict[str, Any]:
-    """Returns the words that stand at the tool while an event happens."""
+    """Build the text marker at the tool during an event."""
     about = {
         "type": TEXT,
         "scale": [0.0, 0.0, TEXT_HEIGHT],
@@ -172,12 +173,12 @@ def _row(
 
 
 def _pose(row: Mapping[str, Any]) -> pin.SE3:
-    """Returns the pose of a row of the page's data."""
+    """Return the pose of a row of the page's data."""
     return pin.SE3(pin.Quaternion(np.array(row["quat"])).matrix(), np.array(row["xyz"]))
 
 
 def triangle_corners(hulls: DrawnHulls, number: int) -> list[dict[str, float]]:
-    """Returns the corners of a hull's triangles, one after another."""
+    """List the corners of a hull's triangles, one after another."""
     corners, triangles = hull_mesh(hulls, number)
     return [dict(zip("xyz", row, strict=True)) for row in corners[triangles.ravel()].tolist()]
 

@@ -1,4 +1,4 @@
-"""A bag of ROS 2 in MCAP: what the robot does, for `ros2 bag play`, RViz and Foxglove."""
+"""Export as a ROS 2 bag in MCAP, for `ros2 bag play`, RViz and Foxglove."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 
 BAG = "bag"
-"""Name of the bag's folder and of its file."""
+"""Name of the bag's folder and file."""
 METADATA_VERSION = 8
-"""Of rosbag2's metadata.yaml: that of Iron, which later ones read."""
+"""Version of rosbag2's metadata.yaml, readable since Iron."""
 
 
 @dataclass(frozen=True)
 class _Message:
-    """One message of the bag."""
+    """Message of the bag."""
 
     time: int
-    """When it is sent [ns]."""
+    """Time of the message [ns]."""
     topic: str
     kind: str
     content: Mapping[str, Any]
-    """Its fields by name; times as `stamp` has them."""
+    """Fields by name; times in the form of `stamp`."""
 
 
 LATCHED = ("/robot_description", "/tf_static")
-"""Topics whose last message a late subscriber gets as well."""
+"""Topics whose last message late subscribers receive."""
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Returns `bag/bag.mcap` and `bag/metadata.yaml`; the bag's clock starts at 0, as the schedule does.
+    """Build `bag/bag.mcap` and `bag/metadata.yaml`; the clock starts at 0.
 
     Raises:
         MissingDependencyError: rosbags is not installed.
@@ -95,7 +95,7 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
 
 
 def _streams(request: ExportRequest) -> list[Iterator[_Message]]:
-    """Returns the messages of each topic in the order of time; each is made when it is written."""
+    """List the messages of each topic in order of time, built when they are written."""
     schedule, samples = request.schedule, request.samples()
     world, frames = link_frames(schedule.robot)
     return [
@@ -108,7 +108,7 @@ def _streams(request: ExportRequest) -> list[Iterator[_Message]]:
 
 
 def _at_start(request: ExportRequest, frames: list[LinkFrame]) -> Iterator[_Message]:
-    """Yields the description of the cell, its fixed frames, and the trajectory of each controller."""
+    """Yield the cell's description, its fixed frames, and each controller's trajectory."""
     text = {"data": request.schedule.robot.urdf}
     yield _Message(0, "/robot_description", "std_msgs/msg/String", text)
     fixed = [_transform(frame, 0, *frame.poses(np.zeros(1))) for frame in frames if not frame.joint]
@@ -176,14 +176,14 @@ def _header(time: int, frame: str) -> dict[str, Any]:
 
 
 class _Builder:
-    """Makes messages of a type store from fields by name; what is not given is zero or empty."""
+    """Builder of typed messages from fields by name; missing fields are zero or empty."""
 
     def __init__(self, store: Any) -> None:
         self._store = store
         self._made: dict[str, Callable[[Mapping[str, Any]], Any]] = {}
 
     def __call__(self, kind: str, content: Mapping[str, Any]) -> Any:
-        """Returns a message.
+        """Build a message.
 
         Args:
             kind: its type.
@@ -194,7 +194,7 @@ class _Builder:
         return self._made[kind](content)
 
     def _maker(self, kind: str) -> Callable[[Mapping[str, Any]], Any]:
-        """Returns what makes messages of one type."""
+        """Create the builder of one message type."""
         made = self._store.types[kind]
         fields = self._store.get_msgdef(kind).fields
         converters = [(name, self._converter(description)) for name, description in fields]
@@ -207,10 +207,10 @@ class _Builder:
         return make
 
     def _converter(self, description: Any) -> Callable[[Any], Any]:
-        """Returns what makes a field's value of what is given.
+        """Create the converter of one field's values.
 
         Args:
-            description: of the field, as the type store has it: its kind and what belongs to it.
+            description: of the field in the type store: its kind and the details of that kind.
         """
         from rosbags.interfaces import Nodetype
 

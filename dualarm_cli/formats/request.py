@@ -1,4 +1,4 @@
-"""Request of an export: schedule, rate, interpolation, groups of joints."""
+"""Export request: schedule, rate, interpolation and groups of joints."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 
 PlatformController = Literal["own", "both", "left", "right"]
-"""Which controller moves the platform: one of its own, that of both arms, or that of one arm."""
+"""Controller of the platform: its own, that of both arms, or that of one arm."""
 Column = Literal["position", "velocity", "acceleration"]
-"""What a table of samples tells of each joint."""
+"""Quantity of each joint in a table of samples."""
 COLUMNS: tuple[Column, ...] = ("position", "velocity", "acceleration")
 LEAST_RATE, MAX_RATE = 0.001, 10_000.0
 """Sampling rates that are allowed [Hz]."""
 BOTH = "both_arms"
 """Name of the group of all arms."""
 PLATFORM = "platform"
-"""Name of the group of a platform with a controller of its own."""
+"""Name of the group of a platform with its own controller."""
 
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """A schedule and how it is exported."""
+    """Schedule and its export options."""
 
     schedule: Schedule
-    """What is exported."""
+    """Exported schedule."""
     job: Job | None
-    """Cell and tasks of the schedule; None where the format needs neither."""
+    """Cell and tasks of the schedule; None if the format needs neither."""
     rate: float
-    """Samples per second [1/s]."""
+    """Sampling rate [Hz]."""
     interpolation: Interpolation = "cubic"
-    """What the receiver makes of the samples of a JointTrajectory."""
+    """Interpolation of the receiver between JointTrajectory points."""
     platform: PlatformController = "own"
-    """Whose controller moves the platform."""
+    """Controller that moves the platform."""
     columns: tuple[Column, ...] = COLUMNS
-    """What the CSV tells of each joint."""
+    """Quantities of each joint in the CSV."""
     uniform: bool = False
-    """Whether a JointTrajectory has points at the rate only, and none at the schedule's knots."""
+    """Flag to place JointTrajectory points at the rate only, not at knots."""
 
     def samples(self) -> Samples:
-        """Returns samples of all joints at the rate."""
+        """Sample all joints at the rate."""
         return sampled(self.schedule, self.rate)
 
     def points(self, joints: Sequence[str]) -> Samples:
-        """Returns the points of the JointTrajectory of some joints."""
+        """Sample the JointTrajectory points of the given joints."""
         return sampled(self.schedule, self.rate, joints, knots=not self.uniform)
 
     def groups(self) -> dict[str, tuple[str, ...]]:
@@ -108,7 +108,7 @@ class ExportLoss:
 
 
 def check_rate(rate: float, option: str = "rate") -> None:
-    """Refuse a sampling rate [Hz] at which samples would mean nothing.
+    """Refuse a sampling rate [Hz] outside the allowed range.
 
     Raises:
         UsageError: with what is allowed.
@@ -120,14 +120,14 @@ def check_rate(rate: float, option: str = "rate") -> None:
 
 
 def columns_named(names: Sequence[str], option: str = "columns") -> tuple[Column, ...]:
-    """Returns columns by their names.
+    """Parse the names of columns.
 
     Args:
-        names: as somebody gave them.
-        option: where.
+        names: requested columns.
+        option: name of the option, for messages.
 
     Raises:
-        UsageError: there is none, one that there is not, or one that was named before.
+        UsageError: no name is given, or one is unknown or repeated.
     """
     known: dict[str, Column] = {name: name for name in COLUMNS}
     allowed = f"choose of {', '.join(COLUMNS)}"
@@ -142,5 +142,5 @@ def columns_named(names: Sequence[str], option: str = "columns") -> tuple[Column
 
 
 def stamp(nanoseconds: int) -> dict[str, int]:
-    """Returns a time as builtin_interfaces has it."""
+    """Convert a time to builtin_interfaces/Time."""
     return {"sec": nanoseconds // NANO, "nanosec": nanoseconds % NANO}

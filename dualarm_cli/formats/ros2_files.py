@@ -1,4 +1,4 @@
-"""trajectory_msgs/JointTrajectory of every controller group, as YAML and JSON."""
+"""Export of each controller group's trajectory_msgs/JointTrajectory, as YAML and JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FLOAT_WITHOUT_POINT = re.compile(r"(?<![\d.])(-?\d+)e")
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Returns `<group>.yaml` and `<group>.json` of each group of joints."""
+    """Build `<group>.yaml` and `<group>.json` of each group of joints."""
     found: dict[str, Iterable[bytes]] = {}
     for group, samples in trajectories(request).items():
         found[f"{group}.yaml"] = _yaml(samples, request)
@@ -23,12 +23,12 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
 
 
 def trajectories(request: ExportRequest) -> dict[str, Samples]:
-    """Returns the points of each group's JointTrajectory."""
+    """Sample the points of each group's JointTrajectory."""
     return {group: request.points(joints) for group, joints in request.groups().items() if joints}
 
 
 def points(samples: Samples, request: ExportRequest) -> Iterator[dict[str, Any]]:
-    """Yields the points as trajectory_msgs/JointTrajectoryPoint has them, with what the receiver interpolates.
+    """Yield trajectory_msgs/JointTrajectoryPoint rows with the fields that the receiver interpolates.
 
     ros2_control takes points without velocities as linear, with velocities as cubic, with accelerations as quintic.
     """

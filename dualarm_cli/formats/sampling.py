@@ -1,4 +1,4 @@
-"""Samples of a schedule, and what a receiver makes of them."""
+"""Samples of a schedule, and the loss of a receiver's interpolation between them."""
 
 from __future__ import annotations
 
@@ -13,47 +13,50 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
 NANO = 1_000_000_000
-"""Nanoseconds of a second."""
+"""Nanoseconds per second."""
 BLOCK = 2_000
-"""Pieces that are compared at a time."""
+"""Number of polynomial pieces compared at once."""
 NEAREST = 5_000
-"""Samples nearer than this to a knot give way to it [ns]."""
+"""Minimum distance of a sample from a knot [ns]; a nearer sample is dropped."""
 SLACK = 1e-4
-"""Share of a limit, and position beyond one [rad], that rounding may add: steps may be as short as microseconds."""
+"""Rounding tolerance: fraction of a limit, and position beyond one [rad].
+
+Steps may be as short as microseconds.
+"""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """A schedule's motion at instants of whole nanoseconds."""
+    """Motion of a schedule at instants of whole nanoseconds."""
 
     joints: tuple[str, ...]
     """Names of the n joints, in column order."""
     nanoseconds: np.ndarray
     """Instants since the start [ns], rising, int64, shape (m,)."""
     position: FloatArray
-    """[rad], shape (m, n)."""
+    """Joint positions [rad], shape (m, n)."""
     velocity: FloatArray
-    """[rad/s], shape (m, n)."""
+    """Joint velocities [rad/s], shape (m, n)."""
     acceleration: FloatArray
-    """[rad/s²], shape (m, n)."""
+    """Joint accelerations [rad/s²], shape (m, n)."""
 
     @property
     def time(self) -> FloatArray:
-        """The instants [s], shape (m,)."""
+        """Instants [s], shape (m,)."""
         return self.nanoseconds / NANO
 
 
 def sampled(
     schedule: Schedule, rate: float, joints: Sequence[str] = (), *, knots: bool = False
 ) -> Samples:
-    """Returns samples at a rate from the start, and one at the end.
+    """Sample a schedule at a rate from the start, and at the end.
 
-    The last step is between half a step and one and a half long: a shorter one would make noise of derivatives.
+    The last step is between half a step and one and a half long: a shorter step would amplify rounding in derivatives.
 
     Args:
         schedule: what is sampled.
         rate: samples per second [1/s].
-        joints: which; all of them where none is named.
+        joints: names; empty for all joints.
         knots: whether there are samples at the joints' knots as well, with which cubic interpolation is exact.
     """
     count = max(1, round(schedule.duration * rate))
@@ -85,36 +88,42 @@ def _apart(instants: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class JointLoss:
-    """How one joint moves between its samples under a receiver's interpolation."""
+    """Deviation of one joint between its samples under a receiver's interpolation."""
 
     joint: str
-    """Its name."""
+    """Name of the joint."""
     deviation: float
-    """Largest distance from the schedule at any instant [rad]; m for a joint that slides."""
+    """Largest distance from the schedule [rad]; m for a sliding joint."""
     time: float
-    """Start of the piece of motion where it is [s]."""
+    """Start of the piece of motion with the largest distance [s]."""
     velocity: float | None
-    """Largest share of the velocity limit that is used; None without such a limit."""
+    """Largest used fraction of the velocity limit; None without a limit."""
     acceleration: float | None
-    """The same of the acceleration limit; None also for linear interpolation, whose velocity jumps."""
+    """Largest used fraction of the acceleration limit; None without a limit.
+
+    None also for linear interpolation, whose velocity jumps.
+    """
     jerk: float | None
-    """The same of the jerk limit; None also for cubic interpolation, whose acceleration jumps."""
+    """Largest used fraction of the jerk limit; None without a limit.
+
+    None also for cubic interpolation, whose acceleration jumps.
+    """
     beyond: float
-    """How far the position goes beyond its limits [rad]."""
+    """Distance of the position beyond its limits [rad]."""
 
     @property
     def within_limits(self) -> bool:
-        """Whether every limit is kept that the joint has."""
+        """Flag of a joint within all its limits."""
         shares = (self.velocity, self.acceleration, self.jerk)
         within = all(share is None or share <= 1.0 + SLACK for share in shares)
         return within and self.beyond <= SLACK
 
 
 def losses(schedule: Schedule, samples: Samples, kind: Interpolation) -> list[JointLoss]:
-    """Returns what is lost of every joint between samples.
+    """Compute the loss of every joint between samples.
 
-    Both motions are polynomials between the schedule's knots and the samples. So the largest deviation of every piece
-    is computed, not looked for at some instants.
+    Both motions are polynomials between the schedule's knots and the samples: the largest deviation of every piece is
+    computed exactly.
 
     Args:
         schedule: the motion without loss, with the limits of its joints.
@@ -151,7 +160,10 @@ def losses(schedule: Schedule, samples: Samples, kind: Interpolation) -> list[Jo
 def _exact_pieces(
     trajectory: Trajectory, time: FloatArray
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Yields starts (m,), lengths (m,) and polynomials (m, 4, n) of the schedule between knots and samples."""
+    """Yield the schedule's pieces between knots and samples.
+
+    Starts (m,), lengths (m,) and polynomials (m, 4, n).
+    """
     edges = np.union1d(trajectory.time, time)
     edges = edges[(edges >= time[0]) & (edges <= time[-1])]
     for k in range(0, len(edges) - 1, BLOCK):
@@ -165,7 +177,7 @@ def _exact_pieces(
 
 
 def _shares(peak: FloatArray | None, limit: FloatArray) -> list[float | None]:
-    """Returns the shares of limits that are used; None without a limit or without a peak."""
+    """Compute the used fractions of limits; None without a limit or a peak."""
     if peak is None:
         return [None] * len(limit)
     pairs = zip(peak.tolist(), limit.tolist(), strict=True)

@@ -1,4 +1,4 @@
-"""Solids of a cell as triangles."""
+"""Triangle meshes of a cell's solids."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.page.scene import DrawnHulls
 
 AROUND, RINGS = 24, 6
-"""Corners around a round solid, and rings of half a sphere."""
+"""Corners around a round solid, and rings of a hemisphere."""
 
 Mesh = tuple[FloatArray, np.ndarray]
 
 
 def solid_mesh(solid: Mapping[str, Any], hulls: DrawnHulls) -> Mesh:
-    """Returns corners (m, 3) [m] and triangles (k, 3), which face outwards, in the solid's own frame.
+    """Triangulate a solid in its own frame.
 
-    Corners of round solids are on their surface: between them a triangle is at most 1 % of the radius inside.
+    Returns corners (m, 3) [m] and outward-facing triangles (k, 3). Corners of round solids lie on the surface; between
+    them a triangle is at most 1 % of the radius inside.
 
     Args:
-        solid: as the page's data have it.
+        solid: row of the page's data.
         hulls: of meshes.
     """
     size, kind = solid["size"], solid["kind"]
@@ -46,7 +47,7 @@ def solid_mesh(solid: Mapping[str, Any], hulls: DrawnHulls) -> Mesh:
 
 
 def hull_mesh(hulls: DrawnHulls, number: int) -> Mesh:
-    """Returns the corners (m, 3) [m] and the triangles (k, 3) of a hull."""
+    """Return the corners (m, 3) [m] and triangles (k, 3) of a hull."""
     row = hulls.rows[number]
     corners = np.frombuffer(base64.b64decode(row["corners"]), "<f4").reshape(-1, 3)
     triangles = np.frombuffer(base64.b64decode(row["triangles"]), "<u4").reshape(-1, 3)
@@ -54,7 +55,7 @@ def hull_mesh(hulls: DrawnHulls, number: int) -> Mesh:
 
 
 def _box(half: FloatArray, up: float) -> Mesh:
-    """Returns a box of some half sides, with its middle so far up."""
+    """Triangulate a box, given half its sides and the height of its centre."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [(a, b, c) for a, b, c, _ in quads] + [(a, c, d) for a, _, c, d in quads]

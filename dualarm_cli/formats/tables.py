@@ -1,4 +1,4 @@
-"""A schedule as CSV: samples, events, and the joints of all targets; written beside a plan and exported."""
+"""CSV tables of a schedule: samples, events, and joint positions at every target."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ DECIMALS: Mapping[Column, int] = {"position": 9, "velocity": 7, "acceleration": 
 """Digits after the point of [rad], [rad/s], [rad/s²]: what positions of 1e-9 rad let one see at some 100 samples per
 second."""
 PLACE = 9
-"""Digits after the point of times [s], distances [m] and quaternions."""
+"""Decimals of times [s], distances [m] and quaternions."""
 BLOCK = 10_000
-"""Rows that are written at a time."""
+"""Number of rows written at once."""
 FORMULA = ("=", "+", "-", "@", "\t")
-"""First characters that make a spreadsheet run a cell."""
+"""First characters that make a spreadsheet evaluate a cell."""
 SAME_SAMPLE = 1e-9
-"""A sample that is later than the end by less is at the end [s]."""
+"""Time after the end at which a sample still counts as the end [s]."""
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """Columns of a pose in the world: position [m], unit quaternion."""
 ZEROS = re.compile(r"\.?0+(?=[,\n])")
-"""Superfluous ends of numbers with a decimal point."""
+"""Superfluous trailing zeros of decimal numbers."""
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Returns the three tables, samples at the request's rate: [s], [rad], [m]."""
+    """Build the three tables, with samples at the request's rate: [s], [rad], [m]."""
     schedule = request.schedule
     return {
         SAMPLES: samples_table(schedule, request.rate, request.columns),
@@ -49,9 +49,9 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
 
 
 def samples_table(schedule: Schedule, rate: float, columns: Sequence[Column]) -> Iterator[bytes]:
-    """Yields, in blocks, a row every 1 / rate seconds: the time, and of each joint what is asked for.
+    """Yield a row every 1 / rate seconds, in blocks: time and requested quantities.
 
-    The last row is the first one that is not before the end: all joints stand then as they do at the end.
+    The last row is the first at or after the end; all joints stand there as at the end.
 
     Args:
         schedule: what is sampled.
@@ -75,9 +75,9 @@ def samples_table(schedule: Schedule, rate: float, columns: Sequence[Column]) ->
 
 
 def events_table(schedule: Schedule) -> bytes:
-    """Returns a row for each event: what a tool does when and in which stage, which signal is set, and the tool's pose.
+    """Build the table of events: action, stage, signal and tool pose.
 
-    Stages count from 1; the cell is empty where an event is in none.
+    Stages count from 1; the cell is empty for an event outside all stages.
     """
     stages = _stages(schedule)
     header = ["time", "dwell", "arm", "task", "action", "stage", "signal", "frame"]
@@ -90,9 +90,9 @@ def events_table(schedule: Schedule) -> bytes:
 
 
 def targets_table(schedule: Schedule) -> bytes:
-    """Returns rows for robot programs: where each line begins, its target, and where the retract ends.
+    """Build the table for robot programs: starts of lines, targets and ends of retracts.
 
-    Each with the pose of the arm's tool, the platform's joints, and the arm's joints as `j1`, `j2`, ….
+    Each row has the pose of the arm's tool, the platform's joints, and the arm's joints as `j1`, `j2`, ….
     """
     robot, stages, model = schedule.robot, _stages(schedule), ToolModel(schedule)
     motion, rows = schedule.trajectory, []
@@ -121,7 +121,7 @@ def targets_table(schedule: Schedule) -> bytes:
 
 
 def _points(event: Event, lines: Sequence[Segment]) -> list[tuple[str, float]]:
-    """Returns a stop's approach, target and retract, as far as there are, and when the arm is there [s]."""
+    """Select a stop's approach start, target and retract end, with their times [s]."""
     before = [
         line.start
         for line in lines
@@ -138,7 +138,7 @@ def _points(event: Event, lines: Sequence[Segment]) -> list[tuple[str, float]]:
 
 
 def _stages(schedule: Schedule) -> dict[int, str]:
-    """Returns the number of each event's stage, from 1, by the event's identity."""
+    """Return the number of each event's stage, from 1, by the event's identity."""
     return {
         id(event): str(number)
         for number, events in enumerate(events_by_stage(schedule), 1)
@@ -152,7 +152,7 @@ def _pose(pose: pin.SE3) -> list[str]:
 
 
 def _numbers(*values: float) -> list[str]:
-    """Returns numbers as they are written beside words."""
+    """Format numbers for table cells without trailing zeros."""
     # Rounded first, so that there is no -0.
     texts = [f"{round(float(value), PLACE) + 0.0:.{PLACE}f}" for value in values]
     return [text.rstrip("0").rstrip(".") for text in texts]
@@ -166,7 +166,7 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> bytes:
 
 
 def _safe(text: str) -> str:
-    """Returns a name that no spreadsheet takes for a formula and that needs no quotes."""
+    """Escape a name against spreadsheet formulas and the need for quotes."""
     plain = "".join("_" if c in ',"\r\n' else c for c in text)
     return f"'{plain}" if plain.startswith(FORMULA) else plain
 
@@ -176,7 +176,7 @@ def table_text(rows: FloatArray, digits: Sequence[int]) -> bytes:
 
     Args:
         rows: the numbers, shape (m, n).
-        digits: of each column, how many are written after the point, from 1 to `decimals.PLACES`, shape (n,).
+        digits: decimals of each column, from 1 to `decimals.PLACES`, shape (n,).
     """
     if (np.abs(rows) <= decimals.LARGEST).all():
         return decimals.table_text(rows, digits)

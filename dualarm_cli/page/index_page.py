@@ -1,6 +1,6 @@
-"""An index of many plans: one HTML file with tables whose rows lead to the pages beside it; it has no script.
+"""Index of many plans: one HTML file whose table rows link to the plans' pages; without scripts.
 
-A layout study as an index: one HTML page with a row for each point, of which the best ones lead to their plans.
+A layout study becomes an index with a row for each point; the best points link to their plans.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from dualarm_cli.report.comparison.study_table import (
 )
 
 INDEX, FOLDER = "index.html", "plans"
-"""Name of the index, and of the folder beside it with the pages of the plans."""
+"""File name of the index, and name of the folder with the plans' pages."""
 MARK = b"<!doctype html>\n<!-- dualarm index -->\n"
-"""What an index begins with that was written here."""
+"""First bytes of an index that this package wrote."""
 NOTHING = "–"
-"""What stands where there is nothing to say."""
+"""Text of a table cell without a value."""
 LONGEST_NAME = 80
 """Most characters of a page's name, its ending not counted."""
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
@@ -59,7 +59,7 @@ table {{ margin-bottom: 16px }}
 
 
 def index_page(title: str, lines: Sequence[str], tables: Sequence[PageTable]) -> bytes:
-    """Returns an index.
+    """Build an index page.
 
     Args:
         title: of the page.
@@ -77,7 +77,7 @@ def index_page(title: str, lines: Sequence[str], tables: Sequence[PageTable]) ->
 
 
 def _without_empty(table: PageTable) -> PageTable:
-    """Returns a table without the columns in which nothing stands."""
+    """Drop the columns without any value."""
     kept = [
         k
         for k in range(len(table.columns))
@@ -88,9 +88,9 @@ def _without_empty(table: PageTable) -> PageTable:
 
 
 def page_names(names: Iterable[str]) -> list[str]:
-    """Returns names of files for what has a name, in the same order and all different.
+    """Compose a distinct file name for each given name, in the same order.
 
-    Case does not tell them apart: the folder may be unpacked where it does not.
+    The names differ in more than case, because some file systems ignore case.
 
     Args:
         names: such as those of task files.
@@ -107,7 +107,7 @@ def page_names(names: Iterable[str]) -> list[str]:
 
 
 def verified_cell(status: str, caveats: Sequence[str]) -> PageCell:
-    """Returns whether the verifier passes a plan, as a cell.
+    """Build the cell on the verification status of a plan.
 
     Args:
         status: of its evaluation.

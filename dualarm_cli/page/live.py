@@ -1,4 +1,4 @@
-"""A page that reloads itself when what it shows has changed: a server for this machine alone."""
+"""Live page: a local server whose page reloads when its content changes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from dualarm_cli.page.page import POLICY
 
 HOST = "127.0.0.1"
-"""The server is reached from this machine only."""
+"""Address that the server listens on, reachable from this machine only."""
 MOST_OPEN, PATIENCE = 50, 10.0
 """Connections at once, and how long one may say nothing [s]."""
 _RELOAD = """<script>
@@ -34,7 +34,7 @@ _RELOAD = """<script>
 })();
 </script>
 </body>"""
-"""Asks twice a second whether there is something newer, and keeps the time of the cursor."""
+"""Script that polls for a newer version twice a second and keeps the cursor's time."""
 _ERROR = """<!doctype html>
 <html lang="en">
 <head>
@@ -57,14 +57,14 @@ pre {{ white-space: pre-wrap; padding: 1rem; border: 1px solid; border-left: 6px
 
 
 class _Server(ThreadingHTTPServer):
-    """A server that is not kept from answering by connections that say nothing."""
+    """HTTP server that silent connections cannot block."""
 
     daemon_threads = True
     request_queue_size = 128
     """Maximum number of connections that wait to be accepted."""
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
-        """Start to listen."""
+        """Start listening."""
         self._open: deque[socket.socket] = deque()
         super().__init__(address, handler)
 
@@ -77,20 +77,20 @@ class _Server(ThreadingHTTPServer):
         super().process_request(request, client_address)
 
     def shutdown_request(self, request: Any) -> None:
-        """Close a connection that is answered."""
+        """Close an answered connection."""
         with suppress(ValueError):
             self._open.remove(request)
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of connections that broke off: the terminal belongs to the plan."""
+        """Ignore broken connections: the terminal belongs to the plan."""
 
 
 class LivePage:
-    """What is shown at the moment, and the server that shows it."""
+    """Current page and the server that shows it."""
 
     def __init__(self, port: int = 0) -> None:
-        """Starts the server.
+        """Start the server.
 
         Args:
             port: 0 for any that is free.
@@ -108,7 +108,7 @@ class LivePage:
         return f"http://{HOST}:{self._server.server_address[1]}/"
 
     def show(self, page: bytes) -> None:
-        """Shows a page (`page_html`) from now on; browsers that have an older one reload."""
+        """Show a page (`page_html`); browsers with an older one reload."""
         self._version += 1
         own = POLICY.replace("default-src 'none';", "default-src 'none'; connect-src 'self';")
         text = page.decode("utf-8").replace(POLICY, own, 1)
@@ -123,7 +123,7 @@ class LivePage:
         self.show(_ERROR.format(policy=POLICY, **safe).encode())
 
     def close(self) -> None:
-        """Ends the server."""
+        """Stop the server."""
         self._server.shutdown()
         self._server.server_close()
 
@@ -131,7 +131,7 @@ class LivePage:
         live = self
 
         class Handler(BaseHTTPRequestHandler):
-            """Answers with the page and with its version."""
+            """Request handler for the page and its version."""
 
             timeout = PATIENCE
 
@@ -152,6 +152,6 @@ class LivePage:
                 self.wfile.write(content)
 
             def log_message(self, *_: object) -> None:
-                """Says nothing: the terminal belongs to the plan."""
+                """Log nothing: the terminal belongs to the plan."""
 
         return Handler

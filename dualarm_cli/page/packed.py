@@ -1,4 +1,4 @@
-"""Arrays and documents as text, and the motion of a joint with no more knots than it has."""
+"""Compact text encoding of arrays, documents and joint motions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dualarm_cli.model.joint_motion import JointMotion, own_knots
 
 
 def packed(values: Any, kind: str) -> str:
-    """Returns an array as base64 text.
+    """Encode an array as base64 text.
 
     Args:
         values: what to pack, of any shape; row by row.
@@ -26,7 +26,7 @@ def packed(values: Any, kind: str) -> str:
 
 
 def packed_document(document: Mapping[str, Any]) -> str:
-    """Returns a JSON-ready document as base64 text, compressed."""
+    """Compress a JSON-ready document into base64 text."""
     text = json.dumps(document, allow_nan=False, separators=(",", ":"))
     return base64.b64encode(zlib.compress(text.encode())).decode()
 
@@ -57,7 +57,9 @@ def _no_number(text: str) -> NoReturn:
 
 
 def joint_knots(motion: JointMotion, joint: str) -> FloatArray:
-    """Returns the knots of one joint where its jerk changes: time, position, velocity, acceleration, shape (4, n).
+    """Select the knots of one joint at which its jerk changes.
+
+    Returns time, position, velocity and acceleration, shape (4, n).
 
     Args:
         motion: of a schedule.

@@ -1,6 +1,6 @@
-"""Data of the page, as one JSON document.
+"""Data of a plan's page, as one JSON document.
 
-The least distances over time, with the two bodies that are nearest to what is required of them.
+They include the least clearances over time, with the pair of bodies that is nearest to its required clearance.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dualarm_cli.verification.clearance_checks import watched_pairs
 
 
 def page_data(schedule: Schedule, job: Job, report: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the page's data (format `dualarm.page/1`): the schedule itself, the cell, the report.
+    """Compose the page's data (format `dualarm.page/1`): schedule, cell and report.
 
     Args:
         schedule: a verified one.
@@ -37,7 +37,10 @@ def page_data(schedule: Schedule, job: Job, report: Mapping[str, Any]) -> dict[s
 
 
 def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
-    """Returns all of the page's data but the report, which takes as long to make; see `page_data`."""
+    """Compose the page's data without the report; see `page_data`.
+
+    The report takes as long to build as all other data.
+    """
     done = job_as_done(schedule, job)
     model = pin.buildModelFromXML(job.cell.robot.urdf)
     hulls = DrawnHulls()
@@ -66,7 +69,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
 
 
 def _joints(schedule: Schedule) -> list[dict[str, Any]]:
-    """Returns the joints with their limits and their motion, in the order of the robot's joints."""
+    """List the joints with their limits and motion, in the robot's order."""
     robot: ScheduleRobot = schedule.robot
     groups = dict.fromkeys(robot.platform, "platform")
     groups |= {joint: name for name, arm in robot.arms.items() for joint in arm.joints}
@@ -101,7 +104,7 @@ def _finite(value: float) -> float | None:
 
 
 def _conveyors(job: Job) -> list[dict[str, Any]]:
-    """Returns the conveyors with the stretch on which they are served, as their targets tell it."""
+    """List the conveyors with the stretch between the first and the last target."""
     found = []
     for name, conveyor in job.cell.conveyors.items():
         along = conveyor.velocity / conveyor.speed
@@ -134,20 +137,20 @@ def _conveyors(job: Job) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class PageSettings:
-    """Resolution of what a page shows."""
+    """Settings of a page's sampling and drawing."""
 
     belt_margin: float = 0.3
     """Length of a drawn belt beyond its targets at either end [m]."""
     belt_width: float = 0.2
     """Width of a drawn belt, in addition to the spread of its targets [m]."""
     per_stage: int = 20
-    """Instants that are looked at, per stage."""
+    """Number of sampled instants per stage."""
     fewest: int = 200
     """Minimum number of sampled instants of a motion."""
     most: int = 3000
     """Maximum number of sampled instants of a motion."""
     near: int = 3
-    """Bodies of the robot with no more joints between them are near links."""
+    """Maximum number of joints between two near links."""
 
 
 PAGE = PageSettings()
@@ -156,11 +159,10 @@ PAGE = PageSettings()
 def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     """Sample the least clearance over a motion, as curves of the page.
 
-    One curve is of all pairs together but those of near links. Near links have a curve of their own: a few joints alone
-    set their distance, which often stays the same during the whole plan and then hides how far arms, tools, parts and
-    obstacles are from each other.
-    What may lie on something is left out on the lines where it does. The verifier's proof is between the samples, too;
-    these curves prove nothing.
+    One curve covers all pairs except those of near links, which have their own curve: their distance depends on a few
+    joints, often stays constant through the whole plan, and would hide the clearance between arms, tools, parts and
+    obstacles. Permitted contacts are left out on their lines. The curves prove nothing: the verifier also checks the
+    motion between the samples.
 
     Args:
         schedule: a verified one.
@@ -213,17 +215,17 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
 
 
 class _Samples:
-    """Samples of one curve."""
+    """Samples of one clearance curve."""
 
     def __init__(self) -> None:
-        """Begins without any."""
+        """Start without samples."""
         self.time: list[float] = []
         self.pair: list[int] = []
         self.distance: list[float] = []
         self.points: list[FloatArray] = []
 
     def add(self, time: float, pair: int, result: Any, base: pin.SE3) -> None:
-        """Adds the pair that is nearest to what is required of it at a time [s]."""
+        """Add the pair with the least margin at a time [s]."""
         self.time.append(time)
         self.pair.append(pair)
         self.distance.append(result.min_distance)
@@ -271,7 +273,7 @@ def _instants(schedule: Schedule) -> FloatArray:
 
 
 def _during(windows: Any, times: FloatArray) -> BoolArray:
-    """Mark the times at which a pair counts, shape (n,)."""
+    """Mark the times at which a pair is checked, shape (n,)."""
     if windows is None:
         return np.ones(len(times), dtype=np.bool_)
     inside = np.zeros(len(times), dtype=np.bool_)

@@ -19,20 +19,20 @@ from dualarm_cli.page.packed import packed
 from dualarm_cli.records import dataclass
 
 WORLD_BODY = -1
-"""Number that stands for the world, which has no body of its own."""
+"""Body number of the world."""
 
 
 @dataclass
 class DrawnHulls:
-    """DrawnHulls of meshes, each written once."""
+    """Convex hulls of meshes, each written once."""
 
     rows: list[dict[str, str]] = field(default_factory=list)
-    """As the page reads them."""
+    """Rows of the page's data."""
     _numbers: dict[int, int] = field(default_factory=dict)
     _kept: list[Hull] = field(default_factory=list)
 
     def number(self, hull: Hull) -> int:
-        """Returns the number of a hull, which is added if it is new."""
+        """Return the number of a hull; a new hull is added."""
         if id(hull) not in self._numbers:
             self._numbers[id(hull)] = len(self.rows)
             self._kept.append(hull)  # so that no other hull gets its id
@@ -42,13 +42,13 @@ class DrawnHulls:
 
 
 def placed(pose: pin.SE3) -> dict[str, list[float]]:
-    """Returns a pose as the page reads it: position [m] and quaternion x, y, z, w."""
+    """Encode a pose for the page: position [m] and quaternion x, y, z, w."""
     quaternion = pin.Quaternion(pose.rotation).coeffs()
     return {"xyz": pose.translation.tolist(), "quat": quaternion.tolist()}
 
 
 def drawn(shape: Shape, holder: pin.SE3, hulls: DrawnHulls) -> dict[str, Any]:
-    """Returns a solid as the page reads it.
+    """Encode a solid for the page.
 
     Args:
         shape: of the data model.
@@ -61,7 +61,7 @@ def drawn(shape: Shape, holder: pin.SE3, hulls: DrawnHulls) -> dict[str, Any]:
 
 
 def bodies(model: pin.Model, robot: Robot, base: pin.SE3) -> list[dict[str, Any]]:
-    """Returns the root link and a body per moving joint, numbered as pinocchio numbers joints.
+    """List the root link and a body per moving joint, in pinocchio's joint numbering.
 
     Args:
         model: of the robot's URDF.
@@ -89,7 +89,7 @@ def bodies(model: pin.Model, robot: Robot, base: pin.SE3) -> list[dict[str, Any]
 
 
 def solids(model: pin.Model, cell: Cell, hulls: DrawnHulls) -> list[dict[str, Any]]:
-    """Returns links, tools that are always on, and obstacles.
+    """List the solids of links, permanently mounted tools and obstacles.
 
     Args:
         model: of the robot's URDF.
@@ -120,7 +120,7 @@ def solids(model: pin.Model, cell: Cell, hulls: DrawnHulls) -> list[dict[str, An
 
 
 def tcp(model: pin.Model, cell: Cell, arm: str) -> tuple[int, pin.SE3]:
-    """Returns the body that carries an arm's own tool centre point, and where that is in the body's frame."""
+    """Locate an arm's flange-mounted tool centre point: body number and pose in that body's frame."""
     frame = _flange(model, cell.robot, arm)
     return frame.parentJoint, frame.placement * cell.tools[arm].tcp
 
@@ -130,7 +130,7 @@ def _flange(model: pin.Model, robot: Robot, arm: str) -> Any:
 
 
 def _form(geometry: coal.CollisionGeometry) -> tuple[Any, tuple[float, ...]]:
-    """Returns the kind and the sizes of a primitive shape, as `Shape` has them."""
+    """Return the kind and sizes of a primitive, as in `Shape`."""
     if isinstance(geometry, coal.Box):
         return "box", tuple((2.0 * np.asarray(geometry.halfSide).ravel()).tolist())
     if isinstance(geometry, coal.Sphere):
@@ -142,7 +142,10 @@ def _form(geometry: coal.CollisionGeometry) -> tuple[Any, tuple[float, ...]]:
 def poses_at(
     model: pin.Model, robot: Robot, base: pin.SE3, positions: FloatArray
 ) -> Sequence[pin.SE3]:
-    """Returns where all bodies are in the world at joint positions (joints,), numbered as pinocchio numbers joints."""
+    """Compute the world poses of all bodies at joint positions (joints,).
+
+    Bodies are in pinocchio's joint numbering.
+    """
     q = np.empty(model.nq)
     q[[model.idx_qs[model.getJointId(name)] for name in robot.joints]] = positions
     data = model.createData()

@@ -1,6 +1,6 @@
-"""Plans side by side on one clock: one HTML file with a table, and the pages of one or two of its plans below.
+"""Page with two plans side by side on one clock, below a table of all plans.
 
-The page of `dualarm compare solvers`: what each method came to, and the plans in motion beside the best one.
+Page of `dualarm compare solvers`: the result of each method, with its motion next to that of the best.
 """
 
 from __future__ import annotations
@@ -119,24 +119,24 @@ open({first});
 
 @dataclass(frozen=True)
 class ComparedStage:
-    """A row of the table: a stage of A, of B, or of both."""
+    """Row of the table: a stage of A, of B, or of both."""
 
     numbers: tuple[str, str]
-    """Its numbers in A and B, as they are written."""
+    """Stage numbers in A and B, as text."""
     starts: tuple[float, float]
-    """When it begins in A and B [s]; a click on the row leads there."""
+    """Start times in A and B [s]; a click on the row moves both plans there."""
     work: str
-    """What is done."""
+    """Work of the stage."""
     lengths: tuple[str, str]
-    """How long it is in A and B, as they are written."""
+    """Durations in A and B, as text."""
     difference: float
-    """How much longer it is in B [s]."""
+    """Duration in B minus that in A [s]."""
     cause: str
-    """What is to blame."""
+    """Cause of the difference."""
 
 
 def stages_table(stages: Sequence[ComparedStage]) -> PageTable:
-    """Returns the table of two schedules' stages; what differs is marked."""
+    """Build the table of two schedules' stages, with differences marked."""
     columns = [(name, name != "work") for name in ("A", "B", "work", "A s", "B s", "B − A s")]
     return PageTable("", [*columns, ("cause", False)], [_stage_row(stage) for stage in stages])
 
@@ -191,14 +191,14 @@ TITLE, HINT = "Methods compared", "A click on a method shows its plan beside the
 _MARKS = {"verified": "good", "failed": "bad", "infeasible": "bad", "not served": ""}
 
 PlanKey = tuple[str, ...]
-"""Task file and what tells a row of it from the others (SOLVERS)."""
+"""Task file and solver settings that identify a row (SOLVERS)."""
 
 
 def plan_key(tasks: str, row: Mapping[str, Any]) -> PlanKey:
-    """Compose the key under which a row's plan is found.
+    """Compose the key of a row's plan.
 
     Args:
-        tasks: what the task file is called.
+        tasks: name of the task file.
         row: of the document.
     """
     return tasks, *(row[key] for key in SOLVERS)

@@ -1,4 +1,4 @@
-"""Parts and changed tools: where each of them lies, and who carries it when."""
+"""Carried objects of a page: poses and carriers of parts and changed tools over time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STILL = [0.0, 0.0, 0.0]
 
 
 def things(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dict[str, Any]]:
-    """Returns every part and every changed tool with the times from which it is fixed to a body.
+    """List every part and changed tool with its keyframes.
 
     Args:
         schedule: who does what when.
@@ -60,7 +60,7 @@ def things(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dict[str, An
 def while_they_are_there(
     rows: Sequence[dict[str, Any]], schedule: Schedule, job: Job
 ) -> list[dict[str, Any]]:
-    """Return things of which parts come and go as the bodies that nothing may touch do.
+    """End the display of parts when the verifier removes their bodies.
 
     Args:
         rows: things of the two.
@@ -88,7 +88,7 @@ def while_they_are_there(
 
 
 class _Follower:
-    """Follows what changes hands."""
+    """Tracer of the objects that arms carry."""
 
     def __init__(self, schedule: Schedule, job: Job) -> None:
         self.cell = job.cell
@@ -102,12 +102,12 @@ class _Follower:
         grips: dict[str, pin.SE3],
         first: dict[str, Any] | None = None,
     ) -> list[dict[str, Any]]:
-        """Returns where a thing is from which time on.
+        """Compute the keyframes of an object: its body and pose from each time on.
 
         Args:
-            events: at which it changes hands.
-            grips: by arm, the thing's frame in that of the arm's own tool centre point.
-            first: where it is at the start; None where the first event tells.
+            events: at which its carrier changes.
+            grips: by arm, the object's frame in that of the flange-mounted tool centre point.
+            first: keyframe at the start; None derives it from the first event.
         """
         steps: list[dict[str, Any]] = [] if first is None else [first]
         for event in sorted(events, key=lambda e: e.changes_held):
@@ -123,13 +123,13 @@ class _Follower:
         return steps
 
     def carried(self, arm: str, T_tcp_thing: pin.SE3, time: float) -> dict[str, Any]:
-        """Returns that an arm carries it from a time on."""
+        """Build the keyframe of an object that an arm carries from a time on."""
         body, T_body_tcp = tcp(self.model, self.cell, arm)
         about = {"time": time, "body": body, "velocity": STILL}
         return about | placed(T_body_tcp * T_tcp_thing)
 
     def _before(self, event: Event, grip: pin.SE3) -> dict[str, Any]:
-        """Returns where it is at the start, as its first event tells: it lies there, or the arm has it."""
+        """Derive the first keyframe from the first event: lying, or carried by the arm."""
         if event.action in GIVES:
             return self.carried(event.arm, grip, 0.0)
         pose = self._tcp_pose(event.arm, event.time) * grip
@@ -141,7 +141,7 @@ class _Follower:
         return self._bodies(time)[body] * T_body_tcp
 
     def _pose(self, step: dict[str, Any], time: float) -> pin.SE3:
-        """Returns where it is at a time in the world, as its last step says."""
+        """Compute the world pose of an object at a time after its last keyframe."""
         own = pin.SE3(pin.Quaternion(np.array(step["quat"])).matrix(), np.array(step["xyz"]))
         if step["body"] != WORLD_BODY:
             return self._bodies(time)[step["body"]] * own

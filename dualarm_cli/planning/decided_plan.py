@@ -41,10 +41,10 @@ def decided_plan(
         job: its variant.
         watch: receives progress.
         start: plan to begin the search with, or None.
-        repair_touching_stops: whether stages that collide are decided again.
+        repair_touching_stops: whether stages with colliding stops are re-planned.
 
     Raises:
-        InfeasibleError: nothing that was found is collision-free, or a task is done too late.
+        InfeasibleError: every plan collides, or a task finishes too late.
     """
     job = with_needs(job)
     problem = replace(
@@ -84,7 +84,7 @@ def schedule_of(
 
 
 def _named_times(motion: Motion) -> dict[str, FloatArray]:
-    """Collect the times of each arm's events and segments [s], which become knots of its group."""
+    """Collect each arm's event and segment times [s], which become knots."""
     times: dict[str, list[float]] = {}
     for event in motion.events:
         times.setdefault(event.arm, []).append(event.time)
@@ -94,10 +94,10 @@ def _named_times(motion: Motion) -> dict[str, FloatArray]:
 
 
 def in_time(schedule: Schedule, job: Job) -> Schedule:
-    """Return a schedule in which nothing is done too late.
+    """Return the schedule unless a task finishes too late.
 
     Raises:
-        InfeasibleError: a task whose window closes before it is done.
+        InfeasibleError: a task finishes after its time window.
     """
     tasks = {task.id: task for task in job.tasks}
     # Of a task's events the last one counts.
@@ -121,7 +121,7 @@ def in_time(schedule: Schedule, job: Job) -> Schedule:
 
 
 def job_notes(job: Job) -> list[str]:
-    """List a note on picks and places that take no time, where there are some."""
+    """List a note on picks and places without a dwell, if any."""
     idle = [
         f"{task.id} ({stop.action})"
         for task in job.tasks
@@ -135,7 +135,7 @@ def job_notes(job: Job) -> list[str]:
 
 
 def platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
-    """List notes on a platform that did not do what its solver says."""
+    """List notes on a platform that deviates from its solver."""
     notes: list[str] = []
     if model.platform.joints and not model.platform.is_chosen:
         notes.append(planning_note("platform", "held"))

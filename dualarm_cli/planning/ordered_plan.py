@@ -1,4 +1,4 @@
-"""Plans of jobs that leave arms or order open: the best orders found are planned, the quickest plan is taken."""
+"""Plans of jobs with open arms or order: the best orders compete."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from dualarm_cli.stages.serving import SEQUENCE
 def plan_in_best_order(
     work: PlannedJob, job: Job, watch: Watch, keep: Callable[[Schedule], None]
 ) -> Schedule:
-    """Plan paired arms in the best orders found, as `planned_around` varies them; return the quickest plan.
+    """Plan paired arms in the best orders; return the fastest plan.
 
     Args:
         work: the resolved job.
         job: its variant to plan.
         watch: receives progress, and may end the search.
-        keep: is given every plan, with its notes.
+        keep: receives every plan, with its notes.
 
     Raises:
-        InfeasibleError: a task that no arm reaches, rules that no order keeps, or no order found is collision-free.
+        InfeasibleError: no arm reaches a task, no order keeps the rules, or every order collides.
     """
     if job.is_decided:
         return decided_plan(work, job, watch)
@@ -52,7 +52,7 @@ def plan_in_best_order(
 def _in_best_order(
     work: PlannedJob, job: Job, watch: Watch, keep: Callable[[Schedule], None]
 ) -> Schedule:
-    """Plan paired arms in the best orders found; see `plan_in_best_order`."""
+    """Plan paired arms in the best orders, see `plan_in_best_order`."""
     watch.begin()
     settings = work.settings
 
@@ -90,14 +90,14 @@ def _searched(
     watch: Watch,
     planned: Callable[..., Schedule],
 ) -> Schedule:
-    """Returns the quickest plan of the orders that the search finds, anew where what they do in one stage touches.
+    """Plan the orders of a search; exclude colliding stages and search again.
 
     Args:
-        search: where orders come from.
-        orders: what it finds at first.
-        settings: as for any plan.
+        search: search for orders.
+        orders: its first result.
+        settings: settings of the plan.
         watch: receives progress, and may end the search.
-        planned: plans an order, `of` those found; `repair_touching_stops` where what collides is decided again.
+        planned: plans an order, `of` a search result; `repair_touching_stops` re-plans colliding stages.
     """
     effort = EFFORTS[settings.effort]
     tried, trials = _Tried(effort.hopeless_orders, search.of_either_arm()), effort.trials
@@ -140,14 +140,14 @@ def _quickest(
     *,
     only_first: bool = False,
 ) -> Schedule:
-    """Returns the quickest plan of some orders, at least of the first one that has a plan, if there is any hope.
+    """Plan orders in turn; return the fastest plan.
 
     Args:
-        orders: those that are worth it.
+        orders: orders to plan, best first.
         watch: receives progress.
         planned: plans an order.
-        tried: what turns out to collide is added.
-        only_first: whether there is no hope in others where the first one has no plan.
+        tried: no-goods, added to.
+        only_first: whether a failure of the first order ends the attempts.
     """
     best: Schedule | None = None
     failure: InfeasibleError | None = None
@@ -182,26 +182,26 @@ def _quickest(
 
 @dataclass
 class _Tried:
-    """What orders without a plan teach."""
+    """No-goods learned from orders without a plan."""
 
     most: int
-    """No other order is tried after so many in which an arm collides whatever the other one does."""
+    """Maximum number of orders in which an arm collides regardless of the other."""
     either: frozenset[str] = frozenset()
     """Tasks that either arm may do."""
     alone: int = 0
-    """So many of them there are."""
+    """Number of orders in which an arm collided regardless of the other."""
     pairs: set[StagePair] = field(default_factory=set)
-    """What collides side by side."""
+    """Pairs of stops that collide in the same stage."""
     others: set[ArmTask] = field(default_factory=set)
-    """Tasks that an arm has no clear way to do while the other one stands idle: the other one is to do them."""
+    """(arm, task) pairs without a collision-free motion while the other arm idles."""
 
     @property
     def known(self) -> int:
-        """How much has been learnt."""
+        """Number of no-goods."""
         return len(self.pairs) + len(self.others)
 
     def add(self, job: Job, error: BlockedError) -> None:
-        """Learns from an order whose plan collides."""
+        """Learn from an order whose plan collides."""
         before = len(self.others)
         left = self.either - {task for _, task in self.others}
         # What is in the way of later stages may be there because of the first one.
@@ -214,19 +214,19 @@ class _Tried:
         self.alone += error.alone and len(self.others) == before
 
     def repeats(self, job: Job) -> bool:
-        """Returns whether an arm does a task in an order that is to be done by the other one."""
+        """Return whether an order gives a task to an arm that cannot do it."""
         if not self.others:
             return False
         return not self.others.isdisjoint(_lone_tasks(job, range(len(job.stages()))))
 
     @property
     def is_hopeless(self) -> bool:
-        """Whether no other order is tried."""
+        """Whether no further order is tried."""
         return self.alone >= self.most
 
 
 def _lone_tasks(job: Job, stages: Collection[int]) -> list[ArmTask]:
-    """Returns what is done in some stages of a decided job in which the other arm has nothing to do, in their order."""
+    """Return the (arm, task) pairs of given stages in which the other arm idles."""
     return [
         (arm, task.id)
         for k, work in enumerate(job.stages())
@@ -236,7 +236,7 @@ def _lone_tasks(job: Job, stages: Collection[int]) -> list[ArmTask]:
 
 
 def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
-    """Returns the stops that are made in one stage in some stages of a decided job."""
+    """Return the pairs of simultaneous stops in given stages of a decided job."""
     found: set[StagePair] = set()
     for k, work in enumerate(job.stages()):
         if k in stages and len(work) == 2:
@@ -263,19 +263,19 @@ def _promising(
 
 
 def _expected(order: DecidedOrder) -> float:
-    """Returns about how long a plan in an order will take [s]."""
+    """Estimate the duration of a plan in an order [s]."""
     return order.total if order.expected is None else order.expected
 
 
 def _is_as_quick(best: Schedule, order: DecidedOrder) -> bool:
-    """Returns whether a plan is as quick as one in another order is expected to be, both with all stops."""
+    """Return whether a plan matches the expected duration of an order, with all stops."""
     stopping = best.duration + (best.blend_gain or 0.0)
     # Plans are quicker than expected by about 0.2 %.
     return order.expected is not None and stopping <= 0.998 * order.expected
 
 
 def order_notes(orders: Orders, total: float) -> list[str]:
-    """Returns how the order was found, and what is proven of it.
+    """List notes on the order's search and its proven bound.
 
     Args:
         orders: what the search found.

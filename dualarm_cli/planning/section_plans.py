@@ -1,4 +1,4 @@
-"""Plans of jobs with paths and seams in several orders of their sections; the quickest one is taken."""
+"""Plans of jobs with paths and seams in several section orders; the fastest wins."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ MOST_PERMUTATIONS = 5040
 
 @dataclass(frozen=True)
 class _Rules:
-    """What the order of a job's tasks has to keep, its tasks as numbers."""
+    """Order rules of a job's tasks, by index."""
 
     alone: tuple[tuple[int, ...], ...]
     """Tasks of each path or seam, one for each arm."""
     units: tuple[tuple[int, ...], ...]
     """All other tasks; those of a sequence together, and both shares of a hand-over."""
     before: tuple[tuple[int, int], ...]
-    """Pairs of tasks of which the first comes before the second."""
+    """Pairs (before, after) of tasks."""
 
 
 def section_orders(model: CellModel, job: Job, most: int) -> list[Job]:
-    """Returns the job with its tasks in different orders, the file's first, then those that look best.
+    """List orders of a job's tasks, the file's first, then the best estimates.
 
     Paths and seams in every order that keeps precedence; all other tasks in as few runs between them as precedence
     allows (each run is ordered by itself when it is planned), because every break makes both arms wait for each other.
@@ -47,8 +47,8 @@ def section_orders(model: CellModel, job: Job, most: int) -> list[Job]:
 
     Args:
         model: the job's cell.
-        job: with paths or seams.
-        most: how many orders at most.
+        job: job with paths or seams.
+        most: maximum number of orders.
     """
     rules = _rules(job)
     orders: dict[tuple[int, ...], tuple[int, float]] = {}
@@ -85,7 +85,7 @@ def _rules(job: Job) -> _Rules:
 
 
 def _placed(rules: _Rules, sigma: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Yields orders of all tasks with the paths and seams in a given order; none where precedence forbids it."""
+    """Yield orders of all tasks around given paths and seams; none if infeasible."""
     place = {t: k for k, a in enumerate(sigma) for t in rules.alone[a]}
     if any(place[a] >= place[b] for a, b in rules.before if a in place and b in place):
         return
@@ -108,7 +108,7 @@ def _placed(rules: _Rules, sigma: Sequence[int]) -> Iterator[tuple[int, ...]]:
 
 
 def _gaps(rules: _Rules, place: dict[int, int], last: int) -> list[tuple[int, int]] | None:
-    """Returns the first and the last gap between paths and seams that each unit may be in; None where one has none.
+    """Compute each unit's first and last gap between paths and seams; None if infeasible.
 
     Gap k is before path or seam k.
     """
@@ -130,7 +130,7 @@ def _gaps(rules: _Rules, place: dict[int, int], last: int) -> list[tuple[int, in
 
 
 def _stabbed(gaps: Sequence[tuple[int, int]]) -> list[int]:
-    """Returns a gap for each unit so that as few gaps as possible are used, each as late as it may be."""
+    """Assign units to as few gaps as possible, each as late as possible."""
     used: list[int] = []
     for e, m in sorted(gaps, key=lambda gap: gap[1]):
         if not used or used[-1] < e:
@@ -139,15 +139,15 @@ def _stabbed(gaps: Sequence[tuple[int, int]]) -> list[int]:
 
 
 def _mirrored(gaps: Sequence[tuple[int, int]], last: int) -> list[tuple[int, int]]:
-    """Returns the same gaps counted from the end."""
+    """Count the gaps from the end."""
     return [(last - m, last - e) for e, m in gaps]
 
 
 def _travel(model: CellModel, job: Job, sections: Sequence[tuple[Task, ...]]) -> float:
-    """Returns about how far the tools travel between sections [m]: of both tools the longer way each time.
+    """Estimate the tools' travel between sections [m], the longer of both each time.
 
-    A run of other tasks may be entered and left at any of its targets. What is not known (where a seam is worked, joint
-    targets) counts nothing.
+    A run of other tasks may begin and end at any of its targets. Unknown positions (seams, joint targets) count
+    nothing.
     """
     home = {}
     if job.start != "free":
@@ -166,7 +166,7 @@ def _travel(model: CellModel, job: Job, sections: Sequence[tuple[Task, ...]]) ->
 def _ends(
     arms: Sequence[str], section: tuple[Task, ...]
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Returns by arm the places at which a section may begin and end [m], shape (n, 3)."""
+    """Return by arm the possible first and last positions of a section [m], shape (n, 3)."""
     first: dict[str, list[FloatArray]] = {}
     last: dict[str, list[FloatArray]] = {}
     for task in section:
@@ -192,14 +192,14 @@ def _distance(some: FloatArray, others: FloatArray) -> float:
 
 
 def quickest_of_sections(work: PlannedJob, watch: Watch) -> Schedule:
-    """Plan some orders of a job's sections, the file's if it gives the order; return the quickest plan.
+    """Plan several orders of a job's sections; return the fastest plan.
 
     Args:
         work: the resolved job, with paths or seams.
         watch: receives progress, and may end the search.
 
     Raises:
-        InfeasibleError: none of the orders has a plan; why the file's has none.
+        InfeasibleError: no order has a plan; the reason is that of the file's order.
     """
     job = work.job
     if job.order == "given":
@@ -235,7 +235,7 @@ def quickest_of_sections(work: PlannedJob, watch: Watch) -> Schedule:
 
 
 def _has_open_runs(job: Job) -> bool:
-    """Returns whether there is an order to choose between paths and seams."""
+    """Return whether tasks between paths and seams have an open order."""
     return any(
         not section[0].alone and len({task.id for task in section}) > 1
         for section in job.sections()
@@ -243,7 +243,7 @@ def _has_open_runs(job: Job) -> bool:
 
 
 def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Schedule:
-    """Returns a schedule that says in which order the sections are, where there was a choice."""
+    """Append a note on the section order, if several were tried."""
     if tried < 2:
         return schedule
     rows = [

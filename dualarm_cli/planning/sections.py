@@ -1,4 +1,4 @@
-"""Jobs with paths: section by section, each path with the transfer to where it begins."""
+"""Jobs with paths or seams, planned section by section."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from dualarm_cli.stages.method import Decided, MethodProblem
 
 @dataclass(frozen=True)
 class PlannedSections:
-    """A job with paths, planned."""
+    """Plan of a job with paths or seams."""
 
     motion: Motion
-    """All of it."""
+    """Motion of the whole job."""
     notes: tuple[str, ...]
-    """What a reader should know."""
+    """Notes for the reader."""
     clearance_cost: float | None
-    """How much longer it is than without clearance, its paths not counted [s]."""
+    """Extra duration due to clearance, without paths [s]."""
     stage_plans: list[StagePlan]
-    """The stages that are not paths."""
+    """Stages without paths."""
 
 
 @dataclass(frozen=True)
 class SectionPlanner(SectionTools):
-    """What the sections of a job are planned with."""
+    """Planner of a job's sections."""
 
     method: Callable[[MethodProblem], Decided]
     """Decides the stages between paths and seams."""
@@ -52,17 +52,17 @@ class SectionPlanner(SectionTools):
 
     @property
     def may_end_better(self) -> bool:
-        """Whether sections that are blended are followed by others, or the return, which depend on how they end."""
+        """Whether blended sections affect following sections or the return."""
         job = self.problem.job
         parts = job.sections() if job.returns else job.sections()[:-1]
         stops = (replace(job, tasks=part) for part in parts if not part[0].alone)
         return any(replace(self.problem, job=one).blends for one in stops)
 
     def plan(self) -> PlannedSections:
-        """Returns the whole job, section after section.
+        """Plan the whole job, section after section.
 
         Raises:
-            InfeasibleError: a section that cannot be planned, with the reason.
+            InfeasibleError: a section has no plan; with the reason.
         """
         job, record = self.problem.job, SectionBuilder()
         robot = job.cell.robot
@@ -96,7 +96,7 @@ class SectionPlanner(SectionTools):
         section: tuple[Task, ...],
         here: FloatArray | None,
     ) -> None:
-        """Appends a section of stops by the job's method; buffers hold what they do after the tasks that are done."""
+        """Append a section of stops, with the buffer contents of finished tasks."""
         problem = self.part(section, here)
         problem = self._ordered(replace(problem, job=with_levels_after(problem.job, self.done)))
         self.progress("deciding platform angles and postures")
@@ -107,7 +107,7 @@ class SectionPlanner(SectionTools):
         record.stage_plans += found.cleared.plans
 
     def _ordered(self, problem: MethodProblem) -> MethodProblem:
-        """Returns the same section with arms and order, the best ones found, where the file leaves them open."""
+        """Choose arms and order of a section if the file leaves them open."""
         if problem.job.is_decided:
             return problem
         job = own_rules(problem.job)

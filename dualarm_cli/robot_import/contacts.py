@@ -1,4 +1,4 @@
-"""Links that overlap by construction, found by sampling postures, as MoveIt's assistant does."""
+"""Links that overlap by construction, found by sampling postures, as in MoveIt's assistant."""
 
 from __future__ import annotations
 
@@ -23,23 +23,25 @@ from dualarm_cli.robot_import.structure import count_of
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """Numbers of sampled postures that tell which bodies touch."""
+    """Thresholds on sampled postures that classify touching links."""
 
     postures: int = 10_000
-    """Postures that are sampled."""
+    """Number of sampled postures."""
     few: int = 200
-    """Number of postures after which pairs that seldom touch are not sampled further. Pairs that touch in a
-    share below half of `often` are left out, unless the SRDF names them."""
+    """Number of postures after which rarely touching pairs are dropped.
+
+    Pairs that touch in less than half of the fraction `often` are dropped unless the SRDF names them.
+    """
     always: float = 0.95
-    """Share of postures from which on two links overlap by construction."""
+    """Fraction of postures from which two links overlap by construction."""
     mostly: float = 0.55
-    """Share of touching postures from which shapes of near links count as too wide."""
+    """Fraction of postures from which shapes of near links are assumed to be too wide."""
     near: int = 3
     """Maximum number of moving joints between links that count as near."""
     often: float = 0.5
-    """Share of postures from which on links that are farther apart are named."""
+    """Fraction of postures from which touching links that are not near are reported."""
     margin: float = 0.01
-    """Distance below which links count as touching: that much clearance a cell may ask for [m]."""
+    """Distance below which links count as touching: the clearance a cell may require [m]."""
 
 
 CONTACT = ContactSettings()
@@ -47,36 +49,38 @@ CONTACT = ContactSettings()
 
 @dataclass(frozen=True)
 class Contact:
-    """Two links whose shapes overlap where the links do not."""
+    """Pair of links whose shapes overlap although the links do not."""
 
     links: tuple[str, str]
-    """Their names."""
+    """Names of the links."""
     why: str
-    """Why they may touch, in words."""
+    """Reason why they may touch."""
     assumed: bool = False
-    """Whether it is only assumed that the shapes touch and the links do not."""
+    """Flag of a contact that is only assumed to be caused by wide shapes."""
     stated: bool = False
-    """Whether the SRDF leaves their collisions out."""
+    """Flag of a pair that the SRDF excludes from collision checking."""
 
 
 def bare_cell(robot: Robot) -> Cell:
-    """Returns a cell with nothing but a robot."""
+    """Build a cell that contains only a robot."""
     tools = {arm.name: Tool(pin.SE3.Identity()) for arm in robot.arms}
     return Cell(robot, pin.SE3.Identity(), tools, {}, ())
 
 
 def sampled_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Returns the lowest and highest positions that are sampled [rad or m]: a turn either way of joints that turn."""
+    """Compute the sampled position ranges [rad or m]; turning joints get at most ±2π."""
     most = np.array([np.inf if name in robot.sliding else TURN for name in robot.joints])
     return np.maximum(robot.limits.lower, -most), np.minimum(robot.limits.upper, most)
 
 
 def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
-    """Returns postures within the limits, shape (count, joints) [rad or m]; joints that turn without end within a turn.
+    """Sample postures within the limits, shape (count, joints) [rad or m].
+
+    Joints without limits are sampled within ±2π.
 
     Args:
         robot: of the data model.
-        count: how many.
+        count: number of postures.
         seed: of the random numbers.
     """
     lower, upper = sampled_range(robot)
@@ -129,7 +133,7 @@ def find_contacts(
 
 
 def contact_reasons(contacts: Sequence[Contact], often: Sequence[Contact]) -> list[str]:
-    """Returns the messages on contacts: how many may touch, are assumed to, and are kept apart although they often do.
+    """Compose the messages on contacts: allowed, assumed, and frequent ones that are checked.
 
     Args:
         contacts: pairs that may touch.
@@ -161,7 +165,7 @@ def contact_reasons(contacts: Sequence[Contact], often: Sequence[Contact]) -> li
 
 
 def _kept_apart(robot: Robot) -> tuple[pin.Model, list[Solid], list[tuple[int, int]]]:
-    """Build a robot's model, its solids, and the pairs of these that must keep apart."""
+    """Build a robot's model, its solids, and the pairs of solids that are checked."""
     model = pin.buildModelFromXML(robot.urdf)
     solids = link_solids(model, robot)
     pairs = pairs_that_must_keep_apart(model, solids, bare_cell(robot))
@@ -174,7 +178,7 @@ def _touching(
     pairs: Sequence[tuple[int, int]],
     postures: FloatArray,
 ) -> BoolArray:
-    """Returns which pairs are nearer than MARGIN in which postures, shape (postures, pairs)."""
+    """Mark the pairs nearer than the margin in each posture, shape (postures, pairs)."""
     geometry, results = _prepared(solids, pairs)
     data = model.createData()
     found = np.zeros((len(postures), len(pairs)), dtype=np.bool_)
@@ -187,7 +191,7 @@ def _touching(
 def _prepared(
     solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]
 ) -> tuple[pin.GeometryModel, pin.GeometryData]:
-    """Returns pinocchio's geometry of some pairs, which counts them as touching when nearer than MARGIN."""
+    """Build pinocchio's geometry of given pairs, with the margin as contact distance."""
     geometry = geometry_model(solids, pairs)
     results = pin.GeometryData(geometry)
     for request in results.collisionRequests:
@@ -196,12 +200,12 @@ def _prepared(
 
 
 def touches(robot: Robot, postures: FloatArray, arms: Sequence[str]) -> BoolArray:
-    """Returns the postures in which links are nearer than MARGIN that must keep apart, shape (n,).
+    """Mark the postures in which checked links are nearer than the margin, shape (n,).
 
     Args:
         robot: with its allowed contacts.
         postures: shape (n, joints) [rad or m].
-        arms: arms that are looked at; what only other arms move does not count.
+        arms: checked arms; links moved only by other arms are ignored.
     """
     model, solids, pairs = _kept_apart(robot)
     others = [joint for arm in robot.arms if arm.name not in arms for joint in arm.joints]
@@ -220,7 +224,7 @@ def touches(robot: Robot, postures: FloatArray, arms: Sequence[str]) -> BoolArra
 
 
 def touching_links(robot: Robot, posture: FloatArray) -> list[tuple[str, str]]:
-    """Returns the links that are nearer than MARGIN in a posture though they must keep apart.
+    """List the links that are nearer than the margin in a posture although they are checked.
 
     Args:
         robot: with its allowed contacts.
@@ -249,7 +253,7 @@ def joints_between(model: pin.Model, one: int, other: int) -> int:
 
 
 def in_model_order(model: pin.Model, robot: Robot, postures: FloatArray) -> FloatArray:
-    """Returns postures (n, joints) of the robot with their columns in the order of pinocchio's model."""
+    """Reorder postures (n, joints) of the robot into the joint order of pinocchio's model."""
     ordered = np.empty_like(postures)
     ordered[:, [model.idx_qs[model.getJointId(name)] for name in robot.joints]] = postures
     return ordered

@@ -1,4 +1,4 @@
-"""A mesh as several convex parts, found by CoACD, that together hold all of its surface."""
+"""Decomposition of a mesh into convex parts by CoACD that contain its whole surface."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.shape import Hull
 
 CONCAVITY = 0.05
-"""How concave a part may stay, as CoACD measures it: 0.01 is fine, 1 is coarse."""
+"""Concavity threshold of a part in CoACD's measure: 0.01 is fine, 1 is coarse."""
 FACE_SHARE = 0.05
-"""Faces are divided until their edges are no longer than this share of the mesh's diagonal."""
+"""Maximum edge length of a face, as a fraction of the mesh's diagonal."""
 
 
 def convex_parts(
     urdf: Urdf, finder: MeshFinder, units: Mapping[str, float], links: Collection[str]
 ) -> dict[str, list[list[Hull]]]:
-    """Returns the parts of each collision mesh of some links, in the order of the URDF, in the meshes' frames.
+    """Decompose the collision meshes of given links, in URDF order and mesh frames.
 
     Args:
         urdf: a checked URDF, whose meshes can be read.
         finder: finds its mesh files.
-        units: of the mesh files by their names in the URDF [m], where it is not the metre.
-        links: those whose meshes are divided.
+        units: of the mesh files by their names in the URDF [m]; the default is the metre.
+        links: names of the links.
 
     Raises:
         MissingDependencyError: CoACD or trimesh is not installed.
-        UsageError: a link that there is not, or one without a mesh.
+        UsageError: a link does not exist or has no mesh.
     """
     found: dict[str, list[list[Hull]]] = {}
     for name in links:
@@ -54,9 +54,9 @@ def convex_parts(
 
 
 def divided(corners: FloatArray, triangles: IntArray) -> list[Hull]:
-    """Returns convex parts that hold every triangle of a mesh whole.
+    """Decompose a mesh into convex parts that contain every triangle completely.
 
-    CoACD's parts may lack slivers of the mesh, so each triangle is put into the part that it sticks out of least.
+    CoACD's parts may lack slivers of the mesh, so each triangle is added to the part from which it protrudes least.
 
     Args:
         corners: shape (n, 3) [m].
@@ -78,7 +78,7 @@ def divided(corners: FloatArray, triangles: IntArray) -> list[Hull]:
 
 
 def _sticking_out(hulls: Sequence[Hull], points: FloatArray) -> FloatArray:
-    """Returns how far points are outside hulls, measured along their faces' normals, shape (hulls, points) [m]."""
+    """Compute the protrusion of points from hulls along face normals, shape (hulls, points) [m]."""
     found = np.empty((len(hulls), len(points)))
     for k, hull in enumerate(hulls):
         first, second, third = (hull.corners[hull.triangles[:, i]] for i in range(3))
@@ -90,7 +90,7 @@ def _sticking_out(hulls: Sequence[Hull], points: FloatArray) -> FloatArray:
 
 
 def _triangles(path: Path, scale: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Returns the corners [m] and triangles of a mesh file, long triangles divided."""
+    """Read the corners [m] and triangles of a mesh file, with long triangles divided."""
     try:
         import trimesh
     except ImportError:

@@ -1,9 +1,9 @@
-"""The text of a URDF or SRDF: as it is, or as xacro expands it.
+"""Text of a URDF or SRDF, expanded by xacro if necessary.
 
-Xacro in a confined process, because a xacro file is a program.
+Xacro runs in a confined process, because a xacro file is a program.
 
-The process has a limit of processor time, of memory and of what it writes, no variables of the environment but those of
-ROS, and no way to change files or to reach other programs, processes or networks (seccomp). It reads no file outside
+The process has limits on processor time, memory and output, only the environment variables of ROS, and cannot change
+files or reach other programs, processes or networks (seccomp). It reads no file outside
 the given folders (Landlock, Linux 5.13 and later).
 """
 
@@ -31,13 +31,13 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ExpandedText(TextSource):
-    """The text that xacro makes of a file: its lines are none of that file, so elements tell the place."""
+    """Text expanded by xacro; its diagnostics quote the element, because its lines differ from the file's."""
 
     note: str = ""
-    """Note on how it was made."""
+    """Note on the expansion."""
 
     def diagnostic(self, line: int, column: int, code: str, message: str) -> Diagnostic:
-        """Returns a diagnostic that names the file and shows the element that is meant."""
+        """Build a diagnostic that names the file and quotes the element."""
         rest = "\n".join([self.lines[line - 1][column - 1 :], *self.lines[line : line + 5]])
         element = re.match(r"<[^>]*>", rest)
         where = " ".join(element[0].split()) if element else self.snippet(line).strip()
@@ -46,13 +46,13 @@ class ExpandedText(TextSource):
 
 
 def read_expanded(path: Path) -> TextSource:
-    """Returns the text of a URDF or SRDF, expanded where it is a xacro file.
+    """Read the text of a URDF or SRDF, expanded if it is a xacro file.
 
     Args:
         path: the file.
 
     Raises:
-        InputError: it cannot be read, is not XML, or xacro cannot expand it with the rights that it has.
+        InputError: it cannot be read, is not XML, or xacro cannot expand it with its rights.
         MissingDependencyError: it is a xacro file, and xacro is not installed.
     """
     source = read_text(path, str(path))
@@ -96,7 +96,7 @@ def _readable(file: Path) -> list[Path]:
 SECONDS, BYTES, OUTPUT = 30, 4_000_000_000, 20_000_000
 """Limits of xacro: processor time [s], address space [B], result [B]."""
 KEPT = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH", "ROS_DISTRO", "ROS_VERSION", "LD_LIBRARY_PATH")
-"""Environment variables that the process gets: where packages and libraries are."""
+"""Environment variables passed to the process: paths of packages and libraries."""
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from dualarm_cli.robot_import.expanded_text import main; main(sys.argv[2], sys.argv[3:])"
@@ -119,31 +119,31 @@ _DENIED = {
     "lchown": 94, "fchownat": 260, "utime": 132, "utimes": 235, "futimesat": 261, "utimensat": 280, "setxattr": 188,
     "lsetxattr": 189, "fsetxattr": 190, "removexattr": 197, "lremovexattr": 198, "fremovexattr": 199, "truncate": 76,
 }  # fmt: skip
-"""Numbers of the system calls that are refused, on x86-64."""
+"""System calls that are refused, with their numbers on x86-64."""
 _UNKNOWN = 463
-"""Number from which all calls are refused: those of newer kernels, and of x32."""
+"""First number of the refused unknown calls, of newer kernels and of x32."""
 _OPEN, _OPENAT, _WRITING = 2, 257, 0o1103
 """Numbers of calls that open files, and flags refused in them."""
 _LANDLOCK = {"create": 444, "add": 445, "restrict": 446}
 _CAPABILITIES = 0x20080522, 0b110
-"""Version of the kernel's sets of capabilities, and those that root keeps: access to files of other users."""
+"""Version of the kernel's capability sets, and capabilities kept by root: access to other users' files."""
 _READ = 0b1100
 """Landlock's rights to read files and to list folders."""
 
 
 class ConfinedError(Exception):
-    """Xacro came to no result; the text says why."""
+    """Error of the confined xacro process, with the reason."""
 
 
 def expanded(file: Path, folders: Sequence[Path]) -> tuple[str, bool]:
-    """Expand a xacro file in a process of its own.
+    """Expand a xacro file in a separate process.
 
     Args:
         file: the file.
         folders: folders that it may read, besides those of Python.
 
     Returns:
-        The expanded text, and whether it could read those folders only: not every kernel can say so.
+        The expanded text, and whether reading was confined to those folders, which needs Landlock.
 
     Raises:
         ConfinedError: xacro, or a limit, ended it.
@@ -202,7 +202,7 @@ def main(file: str, folders: Sequence[str]) -> None:
 
 
 def landlock_version() -> int:
-    """Return the version of Landlock in this kernel; -1 where there is none."""
+    """Return the version of Landlock in this kernel, or -1 without it."""
     return int(_libc().syscall(_LANDLOCK["create"], None, ctypes.c_size_t(0), 1))
 
 
@@ -211,10 +211,10 @@ def _libc() -> ctypes.CDLL:
 
 
 def _confine(folders: Sequence[str]) -> None:
-    """Drop this process's rights beyond reading some folders.
+    """Drop this process's rights except reading given folders.
 
     Raises:
-        OSError: the kernel refuses what it has.
+        OSError: the kernel refuses a restriction.
     """
     libc = _libc()
     _must(libc.prctl(38, 1, 0, 0, 0))  # PR_SET_NO_NEW_PRIVS
@@ -250,7 +250,7 @@ def _confine(folders: Sequence[str]) -> None:
 
 
 class _Program(ctypes.Structure):
-    """A program of classic BPF: its length in instructions, and where it is."""
+    """Classic BPF program: its length in instructions, and its address."""
 
     _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.c_void_p))
 

@@ -1,4 +1,4 @@
-"""Postures of a robot file: those that the SRDF names, as far as they can be taken, and a start posture."""
+"""Postures of a robot file: valid group states of the SRDF, and a home posture."""
 
 from __future__ import annotations
 
@@ -24,38 +24,38 @@ from dualarm_cli.robot_import.contacts import (
 from dualarm_cli.robot_import.srdf import Srdf
 
 HOME = "home"
-"""The posture in which plans begin."""
+"""Name of the posture in which plans start."""
 PROPOSED = "proposed; collision-free, away from joint limits and singular postures"
-"""Comment on a home that nobody states."""
+"""Comment on a proposed home posture."""
 LOOKED_AT = 4000
-"""Postures that are compared."""
+"""Number of sampled postures that are compared."""
 TRIED = 400
-"""Postures that are tested for collisions at most, best first."""
+"""Maximum number of postures tested for collisions, best first."""
 FEW = 40
-"""Postures of each arm that are combined with the other's."""
+"""Number of postures of each arm that are combined with the other arm's."""
 
 
 @dataclass(frozen=True)
 class NamedPostures:
-    """Named postures, and messages on them."""
+    """Named postures with messages."""
 
     values: Mapping[str, Mapping[str, float]]
     """Joint positions [rad or m] by posture, home first."""
     comments: Mapping[str, str]
-    """What the robot file says of them."""
+    """Comments in the robot file by posture."""
     reasons: tuple[str, ...]
-    """What was taken and what was not, and why."""
+    """Messages on accepted and rejected states."""
 
 
 def find_postures(robot: Robot, srdf: Srdf, seed: int) -> NamedPostures:
-    """Returns the group states of an SRDF that a robot can be in, and a home.
+    """Select the valid group states of an SRDF, and find a home posture.
 
-    Joints that a state does not name are where home has them.
+    Joints that a state does not name stay as in home.
 
     Args:
-        robot: with its allowed contacts; its home is where nothing better is found.
-        srdf: what an SRDF says.
-        seed: of the postures among which home is sought.
+        robot: with its allowed contacts; its home is the fallback.
+        srdf: content of the SRDF.
+        seed: of the sampled postures.
     """
     proposed = propose_home(robot, seed)
     rest = robot.postures[HOME] if proposed is None else _rounded(robot, proposed)
@@ -97,12 +97,12 @@ def find_postures(robot: Robot, srdf: Srdf, seed: int) -> NamedPostures:
 
 
 def _rounded(robot: Robot, posture: FloatArray) -> FloatArray:
-    """Returns a posture in tenths of a milliradian or millimetre, within the limits."""
+    """Round a posture to 0.1 mrad or 0.1 mm, within the limits."""
     return np.clip(np.round(posture, 4), robot.limits.lower, robot.limits.upper)
 
 
 def _problem(robot: Robot, name: str, state: Mapping[str, float], posture: FloatArray) -> str:
-    """Returns why a state cannot be a posture of a robot file, or nothing."""
+    """Explain why a state is no valid posture of a robot file; empty if it is."""
     if name == "free":
         return "`free` cannot name a posture"
     if not any(state.keys() >= set(arm.joints) for arm in robot.arms):
@@ -123,7 +123,7 @@ def _problem(robot: Robot, name: str, state: Mapping[str, float], posture: Float
 def propose_home(robot: Robot, seed: int) -> FloatArray | None:
     """Find a collision-free posture (joints,) [rad or m], or None.
 
-    The platform is at 0 or nearest to it; one that slides, where that collides, in the middle or at an end.
+    The platform is at 0 or nearest to it; if that collides, a sliding platform is tried in the middle and at the ends.
 
     Args:
         robot: with its allowed contacts.

@@ -1,8 +1,7 @@
-"""From a URDF to a folder with a robot file that `plan` can use.
+"""Import of a URDF into a folder with a robot file that `plan` can use.
 
-The URDF that an import writes: the robot's tree, hulls of its meshes, nothing that only other tools read.
-
-The robot file that an import writes: what was found, and why, in comments.
+The written URDF has the robot's tree and hulls of its meshes, and nothing that only other tools read. The written robot
+file has the results of the import, with their reasons in comments.
 """
 
 from __future__ import annotations
@@ -48,50 +47,50 @@ from dualarm_cli.robot_import.structure import Structure, count_of, find_structu
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """What is imported, and what the user settles."""
+    """Request to import a robot, with the user's choices."""
 
     urdf: Path
-    """The robot description."""
+    """Robot description (URDF or xacro)."""
     srdf: Path | None = None
     """MoveIt's description of groups, postures and contacts."""
     joint_limits: Path | None = None
     """MoveIt's joint limits."""
     tips: Mapping[str, str] = field(default_factory=dict)
-    """Links to which tools are bolted, by side; `none` where there is no arm."""
+    """Links to which tools are bolted, by side; `none` for a missing arm."""
     platform: tuple[str, ...] | None = None
-    """Joints that carry both arms; None where the tree decides."""
+    """Joints that carry both arms; None derives them from the tree."""
     packages: tuple[Path, ...] = ()
     """Folders of ROS packages."""
     seed: int = 0
-    """Of the postures that are sampled."""
+    """Seed of the sampled postures."""
     divided: tuple[str, ...] = ()
-    """Links whose meshes become several convex parts."""
+    """Links whose meshes are divided into convex parts."""
 
 
 @dataclass(frozen=True)
 class Imported:
-    """A robot's files, and what was decided."""
+    """Files of an imported robot, and the decisions."""
 
     folder: str
-    """Name for their folder."""
+    """Name of the folder."""
 
     files: Mapping[str, bytes]
     """Content of each file by its path in the folder."""
     loaded: LoadedRobot
-    """The robot as `plan` reads those files."""
+    """Robot as `plan` loads these files."""
     reasons: tuple[str, ...]
-    """What was decided, and why; what is assumed."""
+    """Decisions with their reasons, and assumptions."""
 
 
 def import_robot(request: ImportRequest) -> Imported:
-    """Returns a robot's files: description with hulls of its meshes, and a robot file that says why it is as it is.
+    """Import a robot: description with hulls of its meshes, and commented robot file.
 
     Args:
-        request: what is imported.
+        request: robot and choices.
 
     Raises:
-        InputError: a file that cannot be used.
-        UsageError: the tree leaves a choice that an option settles.
+        InputError: a file cannot be used.
+        UsageError: the tree is ambiguous; the message names the option.
     """
     urdf = read_urdf(read_expanded(request.urdf))
     srdf = read_srdf(request.srdf, urdf) if request.srdf is not None else Srdf()
@@ -146,7 +145,7 @@ def import_robot(request: ImportRequest) -> Imported:
 
 
 def _near_zero(urdf: Urdf, structure: Structure) -> dict[str, float]:
-    """Returns the joints that cannot be at 0, where they are nearest to it [rad or m]."""
+    """Collect the nearest positions to 0 of joints that cannot be there [rad or m]."""
     found = {joint: nearest_to_zero(urdf.joints[joint]) for joint in structure.joints}
     return {joint: position for joint, position in found.items() if position != 0.0}
 
@@ -156,10 +155,10 @@ def _file_name(name: str) -> str:
 
 
 def _loaded(urdf: Urdf, files: Mapping[str, bytes], robot_file: str) -> LoadedRobot:
-    """Returns the robot as `plan` reads its files.
+    """Load the robot from its files, as `plan` does.
 
     Raises:
-        InputError: they cannot be used; told at the place of the URDF that it comes from.
+        InputError: they cannot be used; reported at the place in the URDF.
     """
     with tempfile.TemporaryDirectory() as folder:
         for name, content in files.items():
@@ -185,17 +184,22 @@ def _in_urdf(urdf: Urdf, found: Diagnostic) -> Diagnostic:
 
 
 NOISE, COARSE, UNITS = 1e-9, 1e-4, 5
-"""A written angle within NOISE of a multiple of a quarter turn is that one [rad]; so is one within UNITS of its last
-decimal, at most COARSE: 1.5708, 3.14159, and 1.570795, which is half of 3.14159."""
+"""Tolerance of exact, maximum tolerance of rounded quarter-turn multiples [rad], and tolerance in last decimals.
+
+A written angle within NOISE of a multiple of a quarter turn is that multiple; so is one within UNITS of its last
+decimal, at most COARSE: 1.5708, 3.14159, and 1.570795, which is half of 3.14159.
+"""
 ROUNDED = 1e-3
-"""Coarsest last decimal of a rounded multiple of a quarter turn [rad]. An angle is taken as the multiple where that
-rounds to it: 1.571, 3.142."""
+"""Coarsest last decimal of a rounded multiple of a quarter turn [rad].
+
+An angle is taken as the multiple that rounds to it: 1.571, 3.142.
+"""
 _KEPT = ("origin", "parent", "child", "axis", "limit", "safety_controller", "mimic")
 
 
 @dataclass(frozen=True)
 class Described:
-    """A robot description and its mesh files."""
+    """Robot description with its mesh files."""
 
     text: str
     """Text of the URDF."""
@@ -266,7 +270,7 @@ def described(
 def _exact(rpy: str) -> tuple[str, int]:
     """Make rounded multiples of a quarter turn exact, and count them.
 
-    Small angles stay as they are: a calibration measured them.
+    Small angles stay as they are, because a calibration may have measured them.
     """
     found, count = [], 0
     for word in rpy.split():
@@ -286,11 +290,11 @@ def _safe(name: str) -> str:
 
 
 ACCELERATION_RULE = "top speed in 0.3 s"
-"""Acceleration limits of joints for which nobody states one."""
+"""Acceleration limits of joints without a stated limit."""
 
 
 _WORDS = ("true", "false", "yes", "no", "on", "off", "null", "y", "n")
-"""Words that YAML takes for something else than text."""
+"""Words that YAML reads as something else than text."""
 
 
 @dataclass(frozen=True)
@@ -310,7 +314,7 @@ class RobotText:
     contacts: Sequence[Contact] = ()
     """Links that may touch."""
     suggested: Sequence[Contact] = ()
-    """Links that touch in many postures, which people have to judge."""
+    """Links that touch in many postures, to be judged by the user."""
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Named postures [rad or m]."""
     comments: Mapping[str, str] = field(default_factory=dict)
@@ -323,7 +327,7 @@ def robot_text(robot: RobotText) -> str:
     """Compose the text of a robot file.
 
     Args:
-        robot: what it says.
+        robot: its content.
     """
     structure = robot.structure
     lines = [

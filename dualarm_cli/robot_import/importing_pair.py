@@ -1,4 +1,4 @@
-"""Two URDFs of one arm each, as one cell."""
+"""Import of two single-arm URDFs as one cell."""
 
 from __future__ import annotations
 
@@ -18,35 +18,40 @@ from dualarm_cli.robot_import.importing import Imported, ImportRequest, import_r
 from dualarm_cli.robot_import.structure import NO_TIP
 
 SHARE_OF_REACH = 0.6
-"""Distance of the bases that is proposed, as a share of the shorter arm's reach: both reach what is between them."""
+"""Proposed distance of the bases, as a fraction of the shorter arm's reach.
+
+Both arms then reach the space between them.
+"""
 STEP = 0.1
-"""The distance is a multiple of this [m]."""
+"""Increment of the distance [m]."""
 TRIED = 20
-"""Distances that are tried at most."""
+"""Maximum number of tried distances."""
 
 
 @dataclass(frozen=True)
 class ImportedPair:
-    """The files of two robots and of their cell, and what was decided."""
+    """Files of two robots and their cell, and the decisions."""
 
     folder: str
-    """Name for their folder."""
+    """Name of the folder."""
     files: Mapping[str, bytes]
     """Content of each file by its path in the folder."""
     reasons: tuple[str, ...]
-    """What was decided, and why; what is assumed."""
+    """Decisions with their reasons, and assumptions."""
 
 
 def import_pair(left: ImportRequest, right: ImportRequest) -> ImportedPair:
-    """Returns two robots side by side in one cell, each in a folder of its own; one folder if they are the same.
+    """Import two robots side by side into one cell.
+
+    Each has its own folder; equal robots share one.
 
     Args:
         left: robot of one arm.
         right: robot of one arm.
 
     Raises:
-        InputError: a file that cannot be used.
-        UsageError: a robot of two arms, or a tree that leaves a choice that an option settles.
+        InputError: a file cannot be used.
+        UsageError: a robot has two arms, or a tree is ambiguous; the message names the option.
     """
     robots = {"left": _one_arm("left", left), "right": _one_arm("right", right)}
     if robots["left"].files == robots["right"].files:
@@ -73,7 +78,7 @@ def import_pair(left: ImportRequest, right: ImportRequest) -> ImportedPair:
 
 
 def _one_arm(side: str, request: ImportRequest) -> Imported:
-    """Returns a robot, and refuses one that cannot be one of two."""
+    """Import a robot, and refuse one that cannot be part of a pair."""
     other = "right" if side == "left" else "left"
     tips = {side: request.tips[side], other: NO_TIP} if side in request.tips else {}
     imported = import_robot(replace(request, tips=tips, platform=()))
@@ -84,7 +89,7 @@ def _one_arm(side: str, request: ImportRequest) -> Imported:
 
 
 def _distance(left: Robot, right: Robot) -> tuple[float, bool]:
-    """Returns the distance of the bases [m], and whether the posture home is collision-free there."""
+    """Choose the distance of the bases [m], and test the posture home for collisions."""
     reach = min(_reach(left), _reach(right))
     first = max(1, round(SHARE_OF_REACH * reach / STEP))
     for k in range(first, first + TRIED):
@@ -98,7 +103,7 @@ def _distance(left: Robot, right: Robot) -> tuple[float, bool]:
 
 
 def _reach(robot: Robot) -> float:
-    """Returns how far the flange is from the arm's second joint at most: all links in a row [m]."""
+    """Compute the maximum distance of the flange from the second joint [m]."""
     model = pin.buildModelFromXML(robot.urdf)
     joints = [model.getJointId(name) for name in robot.arms[0].joints]
     flange = model.frames[model.getFrameId(robot.arms[0].flange)].placement
@@ -109,7 +114,7 @@ def _reach(robot: Robot) -> float:
 
 
 def _cell_text(folders: Mapping[str, str], distance: float) -> str:
-    """Returns the text of a cell of two robots."""
+    """Compose the text of a cell of two robots."""
     lines = [
         "# Written by `dualarm robot import`. The bases are assumed: write where yours are.",
         "dualarm: cell/1",

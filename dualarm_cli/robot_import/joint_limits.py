@@ -1,4 +1,4 @@
-"""Joint limits from elsewhere: MoveIt's `joint_limits.yaml`, and speeds where nobody states one."""
+"""Joint limits from MoveIt's `joint_limits.yaml`, and assumed speeds."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from dualarm_cli.files.source.yaml_source import Document, Loc, parse_yaml
 from dualarm_cli.records import dataclass
 
 ASSUMED_SPEED, ASSUMED_SLIDING = math.radians(90.0), 0.1
-"""Top speed of a joint for which nobody states one [rad/s]; of one that slides [m/s]."""
+"""Assumed top speed of a joint without a stated one [rad/s]; of a sliding joint [m/s]."""
 ASSUMED = "90 deg/s (of joints that slide 100 mm/s)"
-"""The same in words."""
+"""Assumed speeds as text."""
 
 
 _KEYS = {
@@ -31,46 +31,46 @@ _KEYS = {
     "jerk": ("max_jerk",),
     "soft": SOFT_LIMITS,
 }
-"""Limits that are read, and their keys; `has_…_limits` switches each on."""
+"""Kinds of limits with their keys; `has_…_limits` enables each kind."""
 _NOT_USED = ("has_effort_limits", "max_effort", "k_position", "k_velocity", "angle_wraparound")
-"""Keys of other tools, which say nothing of what is planned here."""
+"""Keys of other tools that do not affect planning."""
 
 
 @dataclass(frozen=True)
 class StatedLimits:
-    """Limits of a joint; None where the file sets none."""
+    """Limits of a joint; None for limits that the file does not set."""
 
     velocity: float | None = None
-    """Largest speed [rad/s or m/s]."""
+    """Maximum speed [rad/s or m/s]."""
     acceleration: float | None = None
-    """Largest acceleration and deceleration [rad/s² or m/s²]."""
+    """Maximum acceleration and deceleration [rad/s² or m/s²]."""
     jerk: float | None = None
-    """Largest jerk [rad/s³ or m/s³]."""
+    """Maximum jerk [rad/s³ or m/s³]."""
     positions: tuple[float, float] | None = None
-    """Lowest and highest position [rad or m]; some of them are within those of the URDF."""
+    """Minimum and maximum position [rad or m], overlapping the URDF's range."""
     soft: tuple[float, float] | None = None
     """Soft position limits [rad or m] that overlap those of the URDF."""
 
 
 @dataclass(frozen=True)
 class JointLimitsFile:
-    """What a `joint_limits.yaml` says."""
+    """Content of a `joint_limits.yaml`."""
 
     joints: Mapping[str, StatedLimits] = field(default_factory=dict)
     """Limits by joint."""
     reasons: tuple[str, ...] = ()
-    """What was not taken."""
+    """Messages on ignored entries."""
 
 
 def read_joint_limits(path: Path, urdf: Urdf) -> JointLimitsFile:
-    """Returns the limits of `joint_limits.yaml` by joint.
+    """Read the limits of `joint_limits.yaml` by joint.
 
     Args:
         path: the file.
         urdf: a checked URDF.
 
     Raises:
-        InputError: it cannot be read, its form is another one, or it names what is not there; everything at once.
+        InputError: it cannot be read, has another form, or names unknown joints; all errors at once.
     """
     source = read_text(path, str(path))
     if not source.text.strip():
@@ -124,7 +124,7 @@ def _wider(file: str, urdf: Urdf, found: Mapping[str, StatedLimits]) -> list[str
 
 
 def _speed(joint: Element) -> float | None:
-    """Returns a joint's velocity limit [rad/s or m/s], 0 where it has none, None where that is no number."""
+    """Read a joint's velocity limit [rad/s or m/s]; 0 without one, None for an invalid number."""
     limit = joint.find("limit")
     try:
         return float(limit.get("velocity", "0")) if limit is not None else 0.0
@@ -135,7 +135,7 @@ def _speed(joint: Element) -> float | None:
 def _stated(
     document: Document, loc: Loc, limits: Mapping[str, Any], joint: Element, findings: Findings
 ) -> StatedLimits:
-    """Returns the limits of one joint that are switched on, after noting what is wrong with them."""
+    """Read the enabled limits of one joint, and report errors in them."""
     switches = [f"has_{kind}_limits" for kind in _KEYS]
     known = [*switches, *(key for keys in _KEYS.values() for key in keys), *_NOT_USED]
     for key in limits:
@@ -165,7 +165,7 @@ def _stated(
 def _number(
     document: Document, loc: Loc, limits: Mapping[str, Any], findings: Findings
 ) -> dict[str, float]:
-    """Returns a limit by its key, or nothing after noting what is wrong with it."""
+    """Read a limit by its key, or report the error and return nothing."""
     key = str(loc[-1])
     value = limits.get(key)
     free = key in (*_KEYS["position"], *_KEYS["soft"], "max_deceleration")
@@ -190,7 +190,7 @@ def _positions(
     joint: Element,
     findings: Findings,
 ) -> tuple[float, float] | None:
-    """Read stated positions, or None after noting faults."""
+    """Read stated positions, or None after reporting errors."""
     if not all(key in values for key in keys):
         return None
     found = values[keys[0]], values[keys[1]]
@@ -210,14 +210,14 @@ def _positions(
 def with_limits(
     urdf: Urdf, used: Collection[str], stated: Mapping[str, StatedLimits]
 ) -> tuple[Urdf, frozenset[str]]:
-    """Returns a URDF with the positions and speeds of another file, and the joints whose speed is assumed.
+    """Merge the limits of another file into a URDF, and assume missing speeds.
 
-    All joints that are used have a velocity limit afterwards.
+    All used joints have a velocity limit afterwards. Returns the URDF and the joints with an assumed speed.
 
     Args:
         urdf: a checked URDF.
-        used: its joints that are planned.
-        stated: limits of another file, by joint; they take the place of the URDF's where they are lower.
+        used: its planned joints.
+        stated: limits of another file by joint; they replace the URDF's if they are lower.
     """
     joints, assumed = dict(urdf.joints), set()
     for name in used:
@@ -256,7 +256,7 @@ def _common(one: tuple[float, float], other: tuple[float, float]) -> tuple[float
 
 
 def _soft(joint: Element, soft: tuple[float, float]) -> Element:
-    """Return a joint's `<safety_controller>` with soft limits narrowed to those of another file."""
+    """Narrow a joint's soft limits in `<safety_controller>` to those of another file."""
     own = joint.find("safety_controller") or Element("safety_controller", {"k_velocity": "0"})
     common = _common(soft, soft_range(joint))
     return replace(

@@ -1,4 +1,4 @@
-"""SRDF: what MoveIt knows of a robot besides its URDF."""
+"""SRDF: MoveIt's arms, postures and contacts of a robot."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from dualarm_cli.robot_import.structure import (
 
 @dataclass(frozen=True)
 class Srdf:
-    """What an SRDF says of arms, postures and contacts."""
+    """Arms, postures and contacts of an SRDF."""
 
     tips: Mapping[str, tuple[NamedTip, ...]] = field(default_factory=dict)
-    """Links at the ends of the groups that may be the arm of a side, by side."""
+    """Tip links of the groups that may be the arm of a side, by side."""
     states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Named postures: joint positions [rad or m]; states of one name of several groups are one posture."""
+    """Named postures: joint positions [rad or m]; equal names of several groups form one posture."""
     conflicts: Mapping[str, str] = field(default_factory=dict)
-    """Of named postures whose groups state two positions of one joint: which."""
+    """Contradictions within named postures, by posture."""
     contacts: Mapping[frozenset[str], str] = field(default_factory=dict)
-    """Pairs of links whose collisions are left out, with the reason that it gives."""
+    """Pairs of links excluded from collision checking, with the SRDF's reason."""
     notes: tuple[str, ...] = ()
-    """Notes on how it was read."""
+    """Notes on the reading."""
 
 
 def read_srdf(path: Path, urdf: Urdf) -> Srdf:
-    """Returns what an SRDF says.
+    """Read an SRDF.
 
     Args:
         path: the file.
-        urdf: the robot that it is for.
+        urdf: of the same robot.
 
     Raises:
         InputError: not XML, not an SRDF, or a link or joint that the URDF does not have.
@@ -87,7 +87,10 @@ def named_tips(srdf: Srdf, asked: Mapping[str, str]) -> dict[str, NamedTip]:
 
 
 def _tips(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, tuple[NamedTip, ...]]:
-    """Returns the ends of the groups whose names tell a side and nothing else than an arm, those with `arm` alone."""
+    """Find the tips of the groups whose names mean an arm of one side.
+
+    Groups with the word `arm` take precedence.
+    """
     tips: dict[str, dict[str, NamedTip]] = {side: {} for side in SIDES}
     for group in root.all("group"):
         chain, side = group.find("chain"), side_of(group.name)
@@ -106,7 +109,7 @@ def _tips(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, tuple[
 
 
 def _contacts(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[frozenset[str], str]:
-    """Returns the pairs of links whose collisions are left out, but for those that never touch."""
+    """Collect the pairs excluded from collision checking, except those that never touch."""
     contacts: dict[frozenset[str], str] = {}
     for element in root.all("disable_collisions"):
         names = [element.get("link1"), element.get("link2")]
@@ -124,7 +127,7 @@ def _contacts(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[frozens
 def _states(
     root: Element, urdf: Urdf, findings: UrdfFindings
 ) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
-    """Returns the named postures, and of those whose groups contradict each other how."""
+    """Read the named postures, and the contradictions between their groups."""
     states: dict[str, dict[str, float]] = {}
     conflicts: dict[str, str] = {}
     for state in root.all("group_state"):

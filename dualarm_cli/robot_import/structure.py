@@ -1,7 +1,7 @@
-"""Structure of a URDF: its arms, and the joints that carry both of them.
+"""Structure of a URDF: its arms, and the joints that carry both arms.
 
-Come here if an import takes the wrong joints. Both are found in the tree of joints, with the help of words in the names
-of joints, links and groups: sides, and parts of a robot that are no arm.
+Start here if an import takes the wrong joints. The arms are found in the tree of joints, with the help of words in the
+names of joints, links and groups: sides, and body parts other than arms.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
 from dualarm_cli.records import dataclass
 
 LEAST_AXES = 6
-"""Fewest joints of an arm."""
+"""Minimum number of joints of an arm."""
 PLATFORM_JOINTS = 2
-"""Most joints that may carry both arms."""
+"""Maximum number of joints that carry both arms."""
 _TIPS = (
     r"tool0$",
     r"flange",
@@ -28,18 +28,18 @@ _TIPS = (
     r"palm|hand|gripper",
     r"wrist",
 )
-"""Names of links that tools are bolted to, best first."""
+"""Patterns of links to which tools are bolted, best first."""
 NO_TIP = "none"
-"""What `--left-tip` or `--right-tip` says where there is no such arm."""
+"""Value of `--left-tip` or `--right-tip` for a missing arm."""
 SIDES = ("left", "right")
-"""Where an arm may be."""
+"""Sides of an arm."""
 
 
 class OpenChoiceError(UsageError):
-    """A tree that does not tell which of its rows of joints are the arms."""
+    """Error of a tree with an ambiguous choice of arms."""
 
     def __init__(self, tips: tuple[str, ...]) -> None:
-        """Stores the links in which those rows end."""
+        """Store the tip links of the candidate chains."""
         self.tips = tips
         super().__init__(
             f"the tree has {len(tips)} rows of joints that may be arms, ending in {', '.join(tips)}; "
@@ -49,45 +49,45 @@ class OpenChoiceError(UsageError):
 
 @dataclass(frozen=True)
 class NamedTip:
-    """A link to which a tool is bolted, as somebody names it."""
+    """Tool link named by an option or an SRDF group."""
 
     link: str
-    """Its name."""
+    """Name of the link."""
     by: str
-    """Who names it: an option, or a group of the SRDF."""
+    """Option or SRDF group that names the link."""
 
 
 @dataclass(frozen=True)
 class ArmChain:
-    """A row of joints that may be an arm."""
+    """Chain of joints that may be an arm."""
 
     joints: tuple[str, ...]
-    """From base to flange."""
+    """Joint names from base to flange."""
     tip: str
     """Link to which the tool is bolted."""
     by: str = ""
-    """Who names that link; empty where the tree tells it."""
+    """Option or SRDF group that names the tip; empty if derived from the tree."""
 
     @property
     def side(self) -> str:
-        """The side that most of its names tell: left, right or none."""
+        """Side that most of its names contain: left, right or empty."""
         return side_of_most((*self.joints, self.tip))
 
 
 @dataclass(frozen=True)
 class FrozenSlide:
-    """A lift or rail that carries arms and stands still, though it need not."""
+    """Lift or rail that carries arms and is kept fixed, although it could move."""
 
     joint: str
-    """Its name."""
+    """Name of the joint."""
     position: float
-    """Where it stands [m]."""
+    """Fixed position [m]."""
     lower: float
-    """Its lowest position [m]."""
+    """Lowest position [m]."""
     upper: float
-    """Its highest position [m]."""
+    """Highest position [m]."""
     arm: str = ""
-    """Side of the arm that it carries as its first joint; empty where it carries both."""
+    """Side of the arm that it carries as its first joint; empty if it carries both."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +95,13 @@ class Structure:
     """Arms and platform of a robot."""
 
     arms: Mapping[str, ArmChain]
-    """By side: left, right or both."""
+    """Arms by side: left, right or both."""
     platform: tuple[str, ...]
     """Joints that carry both arms, world side first."""
     reasons: tuple[str, ...]
-    """What was decided, and why."""
+    """Decisions with their reasons."""
     frozen: tuple[FrozenSlide, ...] = ()
-    """Lifts and rails that carry arms and stand still."""
+    """Fixed lifts and rails that carry arms."""
 
     @property
     def joints(self) -> list[str]:
@@ -110,7 +110,7 @@ class Structure:
 
 
 def moving(urdf: Urdf) -> list[str]:
-    """Returns the joints that turn or slide and follow no other one, in document order."""
+    """List the turning and sliding joints that mimic no other joint, in document order."""
     return [
         name
         for name, joint in urdf.joints.items()
@@ -121,16 +121,16 @@ def moving(urdf: Urdf) -> list[str]:
 def find_structure(
     urdf: Urdf, tips: Mapping[str, NamedTip], platform: Sequence[str] | None
 ) -> Structure:
-    """Returns the arms and the platform of a robot.
+    """Find the arms and the platform of a robot.
 
     Args:
         urdf: a checked URDF.
-        tips: links that tools are bolted to, by side, where they are named; the tree tells the others. The link
-            `none` says that there is no arm on that side.
-        platform: joints that carry both arms, where the user names them.
+        tips: named tool links by side; the others are derived from the tree. The link `none` means no arm on that
+            side.
+        platform: joints that carry both arms, as named by the user, or None.
 
     Raises:
-        UsageError: a name that there is not, or a tree that leaves a choice; it says which options settle it.
+        UsageError: an unknown name, or an ambiguous tree; the message names the options.
     """
     none = NO_TIP if NO_TIP not in urdf.links else ""
     absent = {side for side, tip in tips.items() if tip.link == none}
@@ -161,7 +161,7 @@ def find_structure(
 
 
 def _check_links(urdf: Urdf, tips: Mapping[str, NamedTip]) -> None:
-    """Refuses links that there are not, and one link for both arms."""
+    """Refuse unknown links, and the same link for both arms."""
     for tip in tips.values():
         if tip.link not in urdf.links:
             hint = did_you_mean(tip.link, list(urdf.links))
@@ -176,7 +176,7 @@ def _check_links(urdf: Urdf, tips: Mapping[str, NamedTip]) -> None:
 def _other_arm(
     urdf: Urdf, rows: Sequence[ArmChain], side: str, tip: str
 ) -> tuple[ArmChain | None, list[str]]:
-    """Returns the arm that the tree shows beside one whose tip is named, or None and the reason."""
+    """Find the other arm if one tip is named, or None and the reason."""
     own = set(urdf.chain(tip))
     rest = [row for row in rows if not own & set(row.joints)]
     fitting = [row for row in rest if row.side == side]
@@ -194,7 +194,7 @@ def _other_arm(
 
 
 def _between(urdf: Urdf, ends: Mapping[str, ArmChain]) -> dict[str, ArmChain]:
-    """Returns arms with the joints that move their tips and no other arm's."""
+    """Determine the joints that move only one arm's tip."""
     own = set(moving(urdf))
     chains = {side: [n for n in urdf.chain(end.tip) if n in own] for side, end in ends.items()}
     carried = len(_common(list(chains.values()))) if len(chains) == 2 else 0
@@ -213,7 +213,7 @@ def _between(urdf: Urdf, ends: Mapping[str, ArmChain]) -> dict[str, ArmChain]:
 
 
 def _check_followers(urdf: Urdf, structure: Structure) -> None:
-    """Refuses arms with a joint that follows one of those that are planned."""
+    """Refuse arms with a joint that mimics a planned one."""
     planned = set(structure.joints)
     for side, arm in structure.arms.items():
         for name in urdf.chain(arm.tip):
@@ -226,7 +226,7 @@ def _check_followers(urdf: Urdf, structure: Structure) -> None:
 
 
 def _slides(urdf: Urdf) -> list[str]:
-    """Returns the joints that slide between limits and follow no other one."""
+    """List the sliding joints with limits that mimic no other joint."""
     return [
         name
         for name in moving(urdf)
@@ -238,7 +238,7 @@ def _slides(urdf: Urdf) -> list[str]:
 def _frozen_slides(
     urdf: Urdf, arms: Mapping[str, ArmChain], carriers: Sequence[str], platform: Sequence[str]
 ) -> tuple[FrozenSlide, ...]:
-    """Returns the joints that slide below arms and stand still: those that carry both, and those right before one."""
+    """Find the sliding joints that carry both arms, or directly carry one, and are kept fixed."""
     usable = set(_slides(urdf)).difference(platform)
     sides = dict.fromkeys((name for name in carriers if name in usable), "")
     for side, arm in arms.items():
@@ -286,7 +286,7 @@ def _platform(
 
 
 def _common(chains: list[list[str]]) -> list[str]:
-    """Returns the joints with which all chains begin."""
+    """Find the joints with which all chains begin."""
     found = []
     for names in zip(*chains, strict=False):
         if len(set(names)) > 1:
@@ -320,7 +320,7 @@ def _found_arms(
 
 
 def _rows(urdf: Urdf) -> tuple[list[ArmChain], list[str]]:
-    """Returns all rows of joints that may be arms, in document order, and why others may not."""
+    """Find the chains that may be arms, in document order, and reasons against the others."""
     own = moving(urdf)
     before: dict[str, str] = {}  # moving joint to the moving joint that carries it
     for name in own:
@@ -358,7 +358,7 @@ def _rows(urdf: Urdf) -> tuple[list[ArmChain], list[str]]:
 
 
 def _followers(urdf: Urdf, joints: Sequence[str]) -> dict[str, str]:
-    """Returns the joints within a row, and behind a short one, that follow one of its own, with that one."""
+    """Find joints within or just after a chain that mimic one of its joints."""
     end = urdf.joints[joints[-1]].child_name("child", "link")
     inside = urdf.chain(end)
     inside = inside[inside.index(joints[0]) :]
@@ -377,7 +377,7 @@ def _followers(urdf: Urdf, joints: Sequence[str]) -> dict[str, str]:
 
 
 def _arm_part(urdf: Urdf, row: Sequence[str]) -> tuple[str, ...]:
-    """Returns a row of joints without those of a gripper at its end and those that slide at its begin and end."""
+    """Cut gripper joints off a chain's end, and sliding joints off both ends."""
     joints = [name for name in row if not tells(name, GRIPPER)] or list(row)
     slides = [urdf.joints[name].get("type") == "prismatic" for name in joints]
     first = max((k + 1 for k, s in enumerate(slides[: len(joints) // 2]) if s), default=0)
@@ -388,7 +388,7 @@ def _arm_part(urdf: Urdf, row: Sequence[str]) -> tuple[str, ...]:
 
 
 def _tip(urdf: Urdf, joint: str) -> str:
-    """Returns the link that a tool is bolted to: one that is fixed to what the last joint moves, by its name."""
+    """Choose the tool link by name among those fixed to the last joint's body."""
     first = urdf.joints[joint].child_name("child", "link")
     links, todo = [first], [first]
     while todo:
@@ -406,7 +406,7 @@ def _tip(urdf: Urdf, joint: str) -> str:
 
 
 def _matching(names: Sequence[str]) -> Iterator[str]:
-    """Iterates over the links that may be a tool's, best first."""
+    """Iterate over the links that may carry a tool, best first."""
     for pattern in _TIPS:
         yield from (name for name in names if re.search(pattern, name, re.IGNORECASE))
 
@@ -417,11 +417,11 @@ NO_ARM = frozenset(
         *("wheel", "caster", "head", "neck", "eye", "laser"),
     )
 )
-"""Words that tell a row of joints that is no arm."""
+"""Words of body parts other than arms."""
 GRIPPER = frozenset(
     ("grip", "gripper", "finger", "fingertip", "hand", "knuckle", "claw", "thumb", "suction")
 )
-"""Words that tell a joint of a gripper."""
+"""Words of gripper joints."""
 _PARTS = NO_ARM | GRIPPER | {"arm", "shoulder", "elbow", "forearm", "wrist"}
 _SIDES = {"left": "left", "right": "right", "l": "left", "r": "right"}
 _RUN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
@@ -430,8 +430,8 @@ _RUN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 def words(name: str) -> list[str]:
     """Split a name into lower-case words at signs, digits and capitals, and after sides.
 
-    `RHipYaw` is r, hip, yaw; `leftarm` is left, arm; `l1` is none, as its letter only numbers; plurals of parts are
-    singular.
+    `RHipYaw` becomes r, hip, yaw; `leftarm` becomes left, arm; `l1` has no words, because its letter is a number;
+    plurals of parts become singular.
     """
     found = []
     for match in _RUN.finditer(name):

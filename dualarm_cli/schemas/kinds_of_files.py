@@ -1,6 +1,6 @@
-"""JSON Schemas of input files and of the files that a plan writes.
+"""JSON Schemas of input files and result files.
 
-Those of input files come from the models that read them, the others from the tables of their members.
+Schemas of input files come from the models that read them; those of results from the tables of their members.
 """
 
 from __future__ import annotations
@@ -58,22 +58,22 @@ _MAY_BE_NONE = (
 )
 """Pattern of the members that may be none."""
 _VERSIONS = {"schedule": "dualarm.schedule/2", "report": "dualarm.report/1"}
-"""What each kind of file says of itself."""
+"""Format version of each kind of file."""
 _REQUIRED = (
     r"format|robot|motion|robot\.(urdf|joints|groups|base|arms)|.*\.base\.(xyz|quat_xyzw)|motion\..*|"
     r"(segments|stages|waits)\[\]\.(start|end)|events\[\]\.(time|xyz|quat_xyzw)"
 )
-"""Pattern of the members without which a file means nothing."""
+"""Pattern of the required members."""
 
 
 def result_schema(
     kind: str, description: str, members: Mapping[str, tuple[str, str]]
 ) -> dict[str, Any]:
-    """Returns the JSON Schema of a file that a plan writes.
+    """Build the JSON Schema of a result file.
 
     Args:
         kind: schedule or report.
-        description: what the file is.
+        description: of the file.
         members: unit and meaning by member; `<name>` stands for a name that is a key, `[]` for entries of a list.
     """
     root = _object()
@@ -93,7 +93,7 @@ def _object() -> dict[str, Any]:
 
 
 def _inside(node: dict[str, Any], step: str, path: str) -> dict[str, Any]:
-    """Returns the schema of an object inside another one, or of the entries of a list, made where there is none yet."""
+    """Return the schema of a nested object or list entry, created on first use."""
     name = step.removesuffix("[]")
     found = node["additionalProperties"] if step.startswith("<") else node["properties"].get(name)
     if not found:
@@ -104,7 +104,7 @@ def _inside(node: dict[str, Any], step: str, path: str) -> dict[str, Any]:
 
 
 def _put(node: dict[str, Any], step: str, path: str, schema: dict[str, Any]) -> None:
-    """Adds a member to an object."""
+    """Add a member to an object."""
     if re.fullmatch(_MAY_BE_NONE, path):
         schema["type"] = [schema["type"], "null"]
     if step.startswith("<"):
@@ -116,7 +116,7 @@ def _put(node: dict[str, Any], step: str, path: str, schema: dict[str, Any]) -> 
 
 
 def _type(path: str, unit: str) -> dict[str, Any]:
-    """Returns the schema of a member's values."""
+    """Build the schema of a member's values."""
     for name, pattern in _MEMBERS.items():
         if re.fullmatch(pattern, path):
             return dict(_TYPES[name])
@@ -131,7 +131,7 @@ INPUT_FILES: Mapping[str, Callable[[], type[BaseModel]]] = {
     "points": lambda: PointsFile,
     "base": lambda: BaseFile,
 }
-"""The model of each kind of input file, with the keys of all kinds of work."""
+"""Model of each kind of input file, with the keys of all kinds of work."""
 
 
 def input_schema(kind: str) -> dict[str, Any]:
@@ -151,7 +151,7 @@ def input_schema(kind: str) -> dict[str, Any]:
 
 
 def _tidy(node: Any) -> None:
-    """Removes what tells nothing, and says of keys that are names that all others are refused."""
+    """Remove redundant titles and defaults, and restrict keys to their pattern."""
     if isinstance(node, list):
         for entry in node:
             _tidy(entry)
@@ -170,7 +170,7 @@ def _tidy(node: Any) -> None:
 
 
 def _tidy_default(key: dict[str, Any]) -> None:
-    """Removes a default that says nothing: none, and keys of a mapping that are not given."""
+    """Remove an empty default, and missing keys of a default mapping."""
     if "default" not in key:
         return
     default = key["default"]

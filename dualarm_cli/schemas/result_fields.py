@@ -101,7 +101,7 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     "files.<name>": ("", "SHA-256 of each file of the set."),
     **_CHECKS,
 }
-"""Of `schedule.json`: unit and meaning by member."""
+"""Unit and meaning of the members of `schedule.json`."""
 
 _USE = {
     "transfer": "Time on transfers between stops.",
@@ -281,4 +281,4 @@ REPORT: dict[str, tuple[str, str]] = {
     **_SETTINGS,
     "notes": ("", "Choices and assumptions that a reader should know."),
 }
-"""Of `report.json`: unit and meaning by member."""
+"""Unit and meaning of the members of `report.json`."""

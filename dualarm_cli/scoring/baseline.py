@@ -1,6 +1,6 @@
-"""Baseline: what the cases came to when somebody last said that it is good (`dualarm.scores/1`).
+"""Baseline of a score: accepted results of the cases (`dualarm.scores/1`).
 
-Which task files are scored: names, patterns and folders.
+It also finds the task files to score: names, patterns and folders.
 """
 
 from __future__ import annotations
@@ -22,52 +22,52 @@ from dualarm_cli.records import dataclass
 
 FORMAT = "dualarm.scores/1"
 LARGEST_FILE = 100_000_000
-"""Largest baseline that is read [bytes]."""
+"""Maximum size of a baseline [B]."""
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """What one case came to then."""
+    """Recorded result of one case."""
 
     cycle_time: float
-    """[s]."""
+    """Cycle time [s]."""
     clearance: float | None = None
     """Least clearance proven [m]."""
     gap: float | None = None
-    """By what share the plan was above its lower bound."""
+    """Relative gap of the plan above its lower bound."""
     limiting: Mapping[str, float] = field(default_factory=dict)
-    """What the time was made of, see `Evaluation` [s]."""
+    """Composition of the time, see `Evaluation` [s]."""
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """By joint what it could do, see `Evaluation`."""
+    """Joint limits by joint, see `Evaluation`."""
     inputs: Mapping[str, str] = field(default_factory=dict)
-    """SHA-256 of every file that was read, by its name from the task file's folder."""
+    """SHA-256 of every file read, by its name relative to the task file's folder."""
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> Recorded:
-        """Returns what is recorded of a case that has a plan."""
+        """Record the result of a planned case."""
         return cls(**{entry.name: getattr(evaluation, entry.name) for entry in fields(cls)})
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """What all cases came to then, and what they were planned by."""
+    """Recorded results of all cases, with their settings."""
 
     settings: Mapping[str, Any]
-    """Of `Request.settings`."""
+    """Settings of the request (`Request.settings`)."""
     cases: Mapping[str, Recorded]
-    """By name."""
+    """Recorded results by case."""
     made_on: str = ""
-    """Machine that it was made on (`evaluation.machine`); empty for unknown."""
+    """Machine of the recording (`evaluation.machine`); empty if unknown."""
 
 
 def read_baseline(path: Path) -> Baseline:
-    """Returns the baseline in a file.
+    """Read a baseline from a file.
 
     Args:
-        path: as the user names it.
+        path: as given on the command line.
 
     Raises:
-        InputError: it is missing, is something else, is damaged, has a number that is none, or has no cases.
+        InputError: it is missing, damaged, of another format, or without cases, or holds NaN or infinity.
     """
     name = str(path)
     data = read_bytes(path, name, LARGEST_FILE)
@@ -101,7 +101,7 @@ def read_baseline(path: Path) -> Baseline:
 
 
 def _recorded(file: str, case: str, entry: Any) -> Recorded:
-    """Returns what is recorded of one case; raises InputError where it is damaged."""
+    """Read the record of one case; a damaged one raises InputError."""
     known = {one.name for one in fields(Recorded)}
     if not isinstance(entry, dict) or set(entry) != known:
         _refuse(file, f"is damaged: case {quote(case)} must have {', '.join(sorted(known))}")
@@ -141,7 +141,10 @@ def _refuse(file: str, message: str, line: int = 0, column: int = 0) -> NoReturn
 def baseline_bytes(
     settings: Mapping[str, Any], cases: Mapping[str, Recorded], made_on: str = ""
 ) -> bytes:
-    """Returns a baseline as it is written: the same bytes for the same content, one line for each small table."""
+    """Encode a baseline; equal content gives equal bytes.
+
+    Each small table has its own line.
+    """
     document = {
         "format": FORMAT,
         "settings": dict(settings),
@@ -157,7 +160,7 @@ def baseline_bytes(
 
 
 def _lines(value: Any, depth: int) -> Iterable[str]:
-    """Yields a value as JSON; mappings of plain values below the cases are on one line."""
+    """Yield a value as JSON; mappings of plain values below the cases are on one line."""
     nested = isinstance(value, Mapping) and any(isinstance(v, Mapping) for v in value.values())
     if not isinstance(value, Mapping) or not value or (depth > 2 and not nested):
         yield json.dumps(value, sort_keys=True, allow_nan=False, ensure_ascii=False)
@@ -173,21 +176,21 @@ def _lines(value: Any, depth: int) -> Iterable[str]:
 _TASKS = re.compile(
     rb"""^(?:\xef\xbb\xbf)?[\s{]*(['"]?)dualarm\1\s*:\s*['"]?tasks/""", re.MULTILINE
 )
-"""The key that tells a task file; quoted and between braces it is the same YAML."""
+"""Key that identifies a task file; with quotes and braces it is the same YAML."""
 
 
 def find_cases(patterns: Sequence[str]) -> list[str]:
-    """Find the names of the task files that match patterns, each once, sorted.
+    """Find the task files that match patterns, each once, sorted.
 
-    A name of a file is that file, whatever is in it; of a folder all task files in it and below. Anything else is a
-    pattern, in which `**` stands for any folders; where it matches folders and no file, it means these. Hidden files
-    and folders are named by name only.
+    The name of a file selects it, whatever its content; the name of a folder selects all task files in and below it.
+    Anything else is a pattern, in which `**` matches any folders; if it matches folders and no file, it selects these.
+    Hidden files and folders are selected only by name.
 
     Args:
-        patterns: as the user wrote them; the shell may have left patterns to us.
+        patterns: as given on the command line; the shell may not have expanded them.
 
     Raises:
-        UsageError: one that nothing goes by: a case that is missing must not pass.
+        UsageError: a name or pattern matches nothing: a missing case must not pass.
     """
     found: dict[str, None] = {}
     for pattern in patterns:
@@ -218,7 +221,7 @@ def _tasks_in(folder: str) -> list[str]:
     """Find the task files in and below a folder by their `dualarm` key.
 
     Raises:
-        UsageError: it cannot be looked into, nor can a folder in it.
+        UsageError: the folder or one in it cannot be read.
     """
 
     def unread(error: OSError) -> NoReturn:

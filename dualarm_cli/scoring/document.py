@@ -1,4 +1,4 @@
-"""A score as one JSON document; nothing in it depends on the clock or on what was known already."""
+"""Score as a JSON document, independent of the clock and of the cache."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def score_document(
     max_regression: float,
     baseline: str | None,
 ) -> dict[str, Any]:
-    """Returns the document of a score.
+    """Build the document of a score.
 
     Args:
         verdicts: by name.
-        settings: what was planned by.
-        max_regression: by what share a cycle time might be longer.
-        baseline: name of the baseline's file; None where there is none.
+        settings: of the plans.
+        max_regression: allowed relative increase of a cycle time.
+        baseline: name of the baseline's file, or None.
     """
     states = [verdict.state for verdict in verdicts]
     code = exit_code(verdicts)

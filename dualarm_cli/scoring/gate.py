@@ -1,4 +1,4 @@
-"""The gate: every case compared with the baseline and its budget; what is not known to be good does not pass."""
+"""Quality gate: compare every case with the baseline and its budget."""
 
 from __future__ import annotations
 
@@ -42,30 +42,31 @@ _PARTS = {
     "left": "the left arm takes",
     "right": "the right arm takes",
 }
-"""How shares of the time are called that are no joint's."""
+"""Names of the parts of the time that belong to no joint."""
 
 
 @dataclass(frozen=True)
 class Tightened:
-    """One limit of one joint that allows less than it did."""
+    """Joint limit that is tighter than in the baseline."""
 
     joint: str
-    """The joint."""
+    """Name of the joint."""
     text: str
-    """What it was and what it is."""
+    """Previous and present value, as text."""
     share: float
-    """What is left of it, as a share; smaller is tighter."""
+    """Ratio of the present to the previous limit; smaller is tighter."""
 
 
 def why_slower(before: Recorded, now: Evaluation) -> str:
-    """Returns a sentence with both cycle times, the joint that takes more of them, and what has changed for it.
+    """Explain the cause of a longer cycle time in one sentence.
 
-    Of the joints that may do less than they did, the one whose share of the time has grown most is named first. Where
-    none of those has grown, the plan avoids them: they are named with their limits, and then the share that has grown.
+    Among the joints with tightened limits, the joint with the largest growth of its part of the time is named first. If
+    the part of none has grown, the plan avoids these joints: the sentence names them with their limits, and then the
+    part that has grown.
 
     Args:
-        before: what the case came to then.
-        now: what it comes to, with a plan.
+        before: recorded result of the case.
+        now: present result, with a plan.
     """
     time = now.cycle_time or 0.0
     share = f" ({(time / before.cycle_time - 1.0) * 100:+.1f} %)" if before.cycle_time > 0.0 else ""
@@ -92,7 +93,7 @@ def why_slower(before: Recorded, now: Evaluation) -> str:
 
 
 def _slower_here(before: Recorded, time: float, elsewhere: str) -> str:
-    """Write a sentence on a case that is longer than on another machine."""
+    """Compose the message on a case that is slower than on another machine."""
     return (
         f"cycle time {before.cycle_time:.3f} s -> {time:.3f} s, and no file has changed: {elsewhere}. "
         "Score on a machine like that one, or make the baseline anew here with --update-baseline"
@@ -100,7 +101,7 @@ def _slower_here(before: Recorded, time: float, elsewhere: str) -> str:
 
 
 def _grown(before: Mapping[str, float], now: Mapping[str, float]) -> list[str]:
-    """Returns what takes more of the time than it did, most first."""
+    """List the parts of the time that have grown, largest growth first."""
     growth = {name: now.get(name, 0.0) - before.get(name, 0.0) for name in {*before, *now}}
     return sorted((n for n in growth if growth[n] > GATE.grew), key=lambda n: (-growth[n], n))
 
@@ -111,7 +112,7 @@ def _takes_more(name: str, before: Mapping[str, float], now: Mapping[str, float]
 
 
 def _tightened(before: Mapping[str, Mapping[str, float]], now: Evaluation) -> list[Tightened]:
-    """Returns the limits that allow less than they did, the tightest first."""
+    """List the joint limits that have become tighter, tightest first."""
     found = []
     for joint in sorted(now.limits):
         then, limits, slides = before.get(joint), now.limits[joint], joint in now.sliding
@@ -144,14 +145,14 @@ def _shown(value: float, slides: bool) -> str:
 
 
 def _listed(limits: list[Tightened]) -> str:
-    """Returns the first of some limits, and how many more there are."""
+    """List the first tightened limits and the number of the others."""
     text = ", ".join(f"{limit.joint}'s {limit.text}" for limit in limits[: GATE.most_limits])
     more = len(limits) - GATE.most_limits
     return text + (f" and {more} more" if more > 0 else "")
 
 
 def _input_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    """Returns which files are others than they were."""
+    """List the changed input files."""
     changed = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
     if not changed:
         return "no file has changed, so the cause is dualarm or one of its libraries"
@@ -161,7 +162,7 @@ def _input_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
 
 
 FLOOR = 1e-3
-"""Cycle times that differ by less are the same, whatever share that is [s]: the last digits differ between machines."""
+"""Absolute tolerance of cycle times [s]; the last digits differ between machines."""
 
 
 def judge_all(
@@ -172,14 +173,14 @@ def judge_all(
     subset: bool = False,
     elsewhere: str = "",
 ) -> list[Verdict]:
-    """Returns a verdict on every case that was planned or is in the baseline, by name.
+    """Judge every case that was planned or is in the baseline, sorted by name.
 
     Args:
-        evaluations: what the cases came to.
-        baseline: what they came to then; None where there is none.
-        max_regression: by what share a cycle time may be longer than it was.
+        evaluations: present results by case.
+        baseline: recorded results by case; None without a baseline.
+        max_regression: allowed relative increase of a cycle time.
         subset: whether cases of the baseline that were not planned are left out, instead of missing.
-        elsewhere: on what other machine the baseline was made, in words; empty for one like this.
+        elsewhere: description of the baseline's machine if it differs from this one, else empty.
     """
     recorded = baseline or {}
     known = set(evaluations) | (set() if subset else set(recorded))
@@ -204,7 +205,10 @@ def judge_all(
 
 
 def _missing(case: str, before: Recorded, renamed: str) -> Verdict:
-    """Judge a case that was not planned; `renamed` is a new case with the very files of this one, empty for none."""
+    """Judge a case that was not planned.
+
+    `renamed` is a new case with exactly the files of this one, or empty.
+    """
     text = (
         "is in the baseline, but was not scored; --update-baseline removes it, "
         "--subset ignores cases that are not named"
@@ -228,15 +232,15 @@ def judge(
     compared: bool,
     elsewhere: str = "",
 ) -> Verdict:
-    """Returns the verdict on one case.
+    """Judge one case.
 
     Args:
         case: its name.
-        evaluation: what it came to.
-        before: what it came to then; None where it is not in the baseline.
-        max_regression: by what share its cycle time may be longer than it was.
-        compared: whether there is a baseline at all.
-        elsewhere: on what other machine the baseline was made, in words; empty for one like this.
+        evaluation: present result.
+        before: recorded result; None for a case that the baseline lacks.
+        max_regression: allowed relative increase of the cycle time.
+        compared: whether there is a baseline.
+        elsewhere: description of the baseline's machine if it differs from this one, else empty.
     """
     if evaluation.status != "planned":
         return Verdict(case, evaluation.status, evaluation, before, evaluation.findings)

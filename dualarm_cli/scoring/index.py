@@ -1,4 +1,4 @@
-"""A score as an index: one HTML page with a row for each case, which leads to the page of its plan."""
+"""Score as an HTML index with a row per case that links to its plan's page."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ _COLUMNS = (
 def score_index(
     verdicts: Sequence[Verdict], pages: Mapping[str, str], max_regression: float, compared: bool
 ) -> bytes:
-    """Returns the index.
+    """Build the index page of a score.
 
     Args:
         verdicts: by name.
         pages: names of the plans' pages, by case; cases without a plan have none.
-        max_regression: by what share a cycle time might be longer.
+        max_regression: allowed relative increase of a cycle time.
         compared: whether there is a baseline.
     """
     lines = [counted(verdicts), *([rule_words(max_regression)] if compared else [])]

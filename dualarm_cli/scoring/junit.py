@@ -1,7 +1,7 @@
-"""A score as JUnit XML, as CI servers read it.
+"""Score as JUnit XML for CI servers.
 
-Of the published format this has `testsuites`, `testsuite`, `testcase`, `failure`, `error` and `system-out`, with the
-attributes that all readers know. There is no time in it: times would differ from run to run.
+The file has `testsuites`, `testsuite`, `testcase`, `failure`, `error` and `system-out` with common attributes. It has
+no times, because they would differ from run to run.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from dualarm_cli.scoring.verdict import EXIT_CODES, Verdict, words
 
 SUITE = "dualarm score"
 MARK = b"<?xml version='1.0' encoding='UTF-8'?>\n<testsuites name=\"dualarm score\""
-"""What a file begins with that was written here."""
+"""First bytes of a file that this package wrote."""
 _NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML 1.0 has no way to write."""
+"""Characters that XML 1.0 cannot represent."""
 
 
 def junit_bytes(verdicts: Sequence[Verdict]) -> bytes:
-    """Returns the XML of a score, with a case for each task file.
+    """Encode a score as JUnit XML with a test case per task file.
 
-    It has a failure where the gate is closed, and an error where nothing can be said of the cell.
+    A failed gate is a failure; a case without a valid evaluation is an error.
 
     Args:
         verdicts: by name.
@@ -70,5 +70,5 @@ def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
 
 
 def xml_text(text: str) -> str:
-    """Returns text that XML can hold: what it cannot is spelt out."""
+    """Replace characters that XML cannot represent by their escapes."""
     return _NO_XML.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)

@@ -1,4 +1,4 @@
-"""A score as Markdown: for step summaries and comments on pull requests."""
+"""Score as Markdown and GitHub annotations, for step summaries and pull requests."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from dualarm_cli.scoring.messages import (
 from dualarm_cli.scoring.verdict import Verdict, words
 
 MOST = 10
-"""Most annotations of a kind that GitHub shows of one step."""
+"""Maximum number of annotations per kind that GitHub shows for one step."""
 
 
 def github_commands(verdicts: Sequence[Verdict], workspace: str | None) -> list[str]:
-    """Returns the commands: an error for each reason of a case that fails, a notice on what improved.
+    """List GitHub's workflow commands: an error per reason, a notice per improvement.
 
-    Where there are more than are shown, the last one says how many.
+    Beyond GitHub's limit the last error counts the others.
 
     Args:
         verdicts: by name.
-        workspace: the folder that GitHub names files from; None for the working directory.
+        workspace: folder of GitHub's file names; None for the working directory.
     """
     found = []
     for verdict in verdicts:
@@ -62,28 +62,31 @@ def _command(kind: str, verdict: Verdict, reason: Finding, workspace: str | None
 
 
 def _data(text: str) -> str:
-    """Returns the message of a command, escaped."""
+    """Escape the message of a command."""
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
 def _property(text: str) -> str:
-    """Returns a property of a command, escaped."""
+    """Escape a property of a command."""
     return _data(text).replace(":", "%3A").replace(",", "%2C")
 
 
 MARK = "<!-- dualarm score -->\n"
-"""What a file begins with that was written here."""
+"""First bytes of a file that this package wrote."""
 MOST_ROWS = 1000
-"""Most cases in the table: step summaries end at a megabyte. Those that fail come first where there are more."""
+"""Maximum number of cases in the table; failed cases come first beyond it.
+
+Step summaries are limited to a megabyte.
+"""
 _SPECIAL = re.compile(r"([\\`*_\[\]{}()#|~!])")
 
 
 def markdown_text(verdicts: Sequence[Verdict], max_regression: float, compared: bool) -> str:
-    """Returns the Markdown of a score: a heading, what failed and why, a table.
+    """Render a score as Markdown: a heading, failures with reasons, and a table.
 
     Args:
         verdicts: by name.
-        max_regression: by what share a cycle time might be longer.
+        max_regression: allowed relative increase of a cycle time.
         compared: whether there is a baseline.
     """
     failed = [verdict for verdict in verdicts if verdict.failed]
@@ -118,7 +121,7 @@ def markdown_text(verdicts: Sequence[Verdict], max_regression: float, compared: 
 
 
 def _plain(text: str) -> str:
-    """Returns text that Markdown shows as it is: no markup, no HTML, nobody is mentioned."""
+    """Escape a text so that Markdown shows it without markup, HTML or mentions."""
     text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     text = _SPECIAL.sub(r"\\\1", text).replace("@", "&#64;")
     return " ".join(text.split())

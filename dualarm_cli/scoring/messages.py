@@ -18,7 +18,7 @@ _COLOURS = {"pass": "green", "improved": "bold green", "new": "yellow"}
 
 
 def figure_words(verdict: Verdict) -> tuple[str, str, str, str]:
-    """Write a case's cycle time, change, gap and least clearance."""
+    """Format a case's cycle time, change, gap and least clearance."""
     found, change = verdict.evaluation, verdict.change
     time, gap, clearance = (
         (None, None, None) if found is None else (found.cycle_time, found.gap, found.clearance)
@@ -38,7 +38,7 @@ def verdict_words(verdict: Verdict) -> str:
 
 
 def caveat_lines(verdicts: Sequence[Verdict]) -> list[str]:
-    """List the caveats of passes, one printable sentence for each case."""
+    """List the caveats of passed cases, one printable sentence per case."""
     shown: list[str] = printable(
         [f"{one_line(v.case)}: verified{exceptions(v.caveats)}" for v in verdicts if v.caveats]
     )
@@ -46,7 +46,7 @@ def caveat_lines(verdicts: Sequence[Verdict]) -> list[str]:
 
 
 def reason_lines(verdict: Verdict) -> list[str]:
-    """Returns why a case is not simply a pass, one sentence each, fit to be shown on a terminal."""
+    """List the reasons of a case's state as printable sentences."""
     lines = []
     for reason in verdict.reasons:
         placed = replace(reason, file=one_line(reason.file))
@@ -59,7 +59,7 @@ def reason_lines(verdict: Verdict) -> list[str]:
 
 
 def counted(verdicts: Sequence[Verdict]) -> str:
-    """Returns how many cases there are of each state, most severe first."""
+    """Count the cases of each state, most severe first."""
     states = [verdict.state for verdict in verdicts]
     counts = [f"{states.count(s)} {words(s)}" for s in STATES if s in states]
     word = "case" if len(verdicts) == 1 else "cases"
@@ -69,12 +69,12 @@ def counted(verdicts: Sequence[Verdict]) -> str:
 
 
 def rule_words(max_regression: float) -> str:
-    """Returns what is allowed."""
+    """Format the allowed regression."""
     return f"allowed: {max_regression * 100:g} % longer than the baseline, and {FLOOR * 1e3:g} ms"
 
 
 def advice(verdicts: Sequence[Verdict]) -> list[str]:
-    """Returns what to do about what did not fail, but is not as recorded."""
+    """List advice on improved and new cases."""
     states = [verdict.state for verdict in verdicts]
     lines = []
     if better := states.count("improved"):

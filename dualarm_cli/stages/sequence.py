@@ -1,4 +1,4 @@
-"""The method `sequence`: everything together over the whole cycle, from simpler methods' plans where they help."""
+"""Method `sequence`: optimise the whole cycle at once, with simpler plans as starts."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
 
 
 def decisions_of(problem: SequenceProblem, model: CellModel, stages: list[StagePlan]) -> Decisions:
-    """Returns decided stages as numbers.
+    """Convert stages to decisions.
 
     Args:
         problem: the job's sequence.
         model: the job's cell.
-        stages: of all its stages; a return at the end is left out.
+        stages: all stages of the job; a final return is ignored.
     """
     n = problem.stages
     angle = np.zeros(n)
@@ -70,14 +70,14 @@ def _row(posture: StopPosture) -> ArmDecisions:
 def stage_plans(
     model: CellModel, job: Job, problem: SequenceProblem, decisions: Decisions, solver: str
 ) -> list[StagePlan]:
-    """Returns the stages of a decided sequence, the return last where there is one.
+    """Convert decisions to stages; the return, if any, is the last one.
 
     Args:
         model: the job's cell.
-        job: what is to be done.
-        problem: the same as numbers.
-        decisions: a possible plan.
-        solver: name of the method that made it.
+        job: the job.
+        problem: sequence problem of the job.
+        decisions: a feasible plan.
+        solver: name of the method that decided it.
     """
     # In times with stops, which is what plans are compared by before they are blended.
     found = evaluate(replace(problem, launches=None), decisions)
@@ -137,10 +137,10 @@ def _posture(found: Evaluated, arm: int, stage: int) -> StopPosture:
 
 
 def solve_sequence(problem: MethodProblem) -> Decided:
-    """Returns the plan of the search over the whole sequence, and simpler ones that may turn out to be as fast.
+    """Plan the whole sequence; simpler plans compete as alternatives.
 
-    In short sequences, and where it finds no plan on its own grids, the search starts from every greedy method's plan
-    with unrefined postures; those that come near its result are refined and compete with it when all are timed exactly.
+    In short sequences, and if its grids have no plan, the search starts from the unrefined plans of every greedy
+    method. Those close to its result are refined and compete with it in exact timing.
 
     Raises:
         InfeasibleError: no method finds a plan; the reason of the first one.
@@ -210,7 +210,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
 
 
 def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[list[StagePlan]]:
-    """Search near the unchecked plan, if there is one; return the stages of the plan found, or nothing."""
+    """Search near the unchecked plan; return its stages, or nothing."""
     if not problem.unchecked:
         return []
     near = search_near(
@@ -228,7 +228,7 @@ def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[li
 
 
 def _numbers(problem: MethodProblem) -> SequenceProblem:
-    """Returns a job's stages as the search takes them: with motion through lines' ends where that is in its reach."""
+    """Build the sequence problem, with line ends in motion if the search supports that."""
     job = problem.job
     stops = [stop for task in job.tasks for stop in task.stops]
     # The search knows no cap on the tools' speed and no conveyor.
@@ -249,7 +249,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
-    """Returns the simpler methods' plans."""
+    """Plan by the simpler methods; leave out equal plans."""
     few = len(problem.job.stages()) <= problem.settings.sequence.few_stages
     names = [*problem.simpler, *([MINIMUM_TIME] if few and problem.model.has_arm_angles else [])]
     found: list[list[StagePlan]] = []
@@ -263,7 +263,7 @@ def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
 def _starts(
     problem: MethodProblem,
 ) -> tuple[dict[str, list[StagePlan]], InfeasibleError | None]:
-    """Returns the simpler methods' plans with unrefined postures, and the first one's reason against it."""
+    """Plan by the simpler methods without refinement; also return the first refusal."""
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
     long = len(problem.job.stages()) > SCALING.long

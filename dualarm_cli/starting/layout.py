@@ -1,7 +1,6 @@
 """Placement of table, trays and boxes for a robot's first six picks.
 
-Targets are within reach, and the arms clear of each other. The table has room beside the robot and holds most of what
-the arms reach.
+Targets are within reach, and the arms do not collide. The table is clear of the robot and covers most of the reach.
 """
 
 from __future__ import annotations
@@ -34,23 +33,25 @@ from dualarm_cli.robot_import.contacts import in_model_order
 
 @dataclass(frozen=True)
 class LayoutSettings:
-    """Distances of a proposed cell, and numbers of its search."""
+    """Distances of a proposed cell, and limits of its search."""
 
     rows_kept: int = 80
-    """Maximum number of rows of targets of an arm that are paired."""
+    """Maximum number of target rows of an arm that are paired."""
     pairs_kept: int = 150
-    """Maximum number of pairs of tray and box of an arm."""
+    """Maximum number of tray and box pairs of an arm."""
     layouts_tried: int = 400
-    """Maximum number of layouts, combinations of the arms' pairs, that are tried."""
+    """Maximum number of candidate layouts, combinations of the arms' pairs."""
     clearance: float = 0.005
-    """That bodies keep, or a tenth of a step: less than what imported robots' links come together by
-    construction [m]."""
+    """Clearance of all bodies, or a tenth of a step if that is less [m].
+
+    It is less than the distance between neighbouring links of imported robots.
+    """
     tables_tried: int = 6
-    """Tables that are looked at."""
+    """Maximum number of candidate tables."""
     depth: int = 3
     """Preferred distance of targets from the border of an arm's reach [nodes].
 
-    Where there are not enough rows, smaller distances are tried.
+    Smaller distances are tried if too few rows are available.
     """
     least_apart: float = 2.0
     """Minimum distance of an arm's tray from its box [steps]."""
@@ -64,11 +65,11 @@ class LayoutSettings:
     A step farther apart counts 1.
     """
     room: float = 0.03
-    """Room between a table and the robot as it stands [m]."""
+    """Room between a table and the robot at home [m]."""
     front: float = 0.5
-    """Additional weight of a node in front of the robot over one beside it."""
+    """Weight of a node in front of the robot, relative to one at its side."""
     picks: int = 6
-    """Picks of all arms together."""
+    """Number of picks of all arms together."""
 
 
 LAYOUT = LayoutSettings()
@@ -76,36 +77,36 @@ LAYOUT = LayoutSettings()
 
 @dataclass(frozen=True)
 class Row:
-    """Targets in a row: the places of a tray or a box."""
+    """Row of targets: the places of a tray or a box."""
 
     centre: tuple[float, float]
-    """Its middle [m]."""
+    """Centre [m]."""
     along: str
-    """Which way it runs: x or y."""
+    """Axis along which the row runs: x or y."""
     shared: bool
-    """Whether both arms reach all of it."""
+    """Flag of a row that both arms reach completely."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What stands where, for a robot's first six picks."""
+    """Layout of trays, boxes and table for a robot's first six picks."""
 
     tools: Mapping[str, ProposedTool]
     """Tool of each arm."""
     trays: Mapping[str, Row]
-    """By arm, where its parts come from."""
+    """Tray of each arm."""
     boxes: Mapping[str, Row]
-    """By arm, where they go."""
+    """Box of each arm."""
     height: float
-    """Of all targets [m]."""
+    """Height of all targets [m]."""
     step: float
-    """Between the targets of a row; the length of approach and retract, too [m]."""
+    """Distance between the targets of a row; also the length of approach and retract [m]."""
     table: Table
-    """Under all of it."""
+    """Table under all targets."""
     clearance: float
-    """That all bodies keep [m]."""
+    """Clearance of all bodies [m]."""
     start_at_home: bool
-    """Whether the posture home is clear, with the tools above the table."""
+    """Flag of a collision-free posture home with all tools above the table."""
 
 
 @dataclass(frozen=True)
@@ -123,10 +124,10 @@ class _Found:
 
 
 def find_layout(bare: Cell, name: str) -> Layout:
-    """Returns where table, trays and boxes stand.
+    """Place table, trays and boxes for a robot.
 
     Args:
-        bare: the robot where it stands; tools are proposed.
+        bare: the placed robot; tools are proposed.
         name: of the robot, for messages.
 
     Raises:
@@ -151,7 +152,7 @@ def find_layout(bare: Cell, name: str) -> Layout:
 def _tables(
     cell: Cell, here: Region, heights: FloatArray, reach: ReachMap, arms_at_home: bool
 ) -> list[Table]:
-    """Returns the tables that hold most of what the arms reach, best first; easily reached heights before."""
+    """List the tables with the largest reach, best first; easily reached heights come first."""
     step, grid = here.step, reach.grid
     front, easy = _front(cell, here, grid), here.is_easy(heights)
     found = []
@@ -169,7 +170,7 @@ def _tables(
 def _on_table(
     cell: Cell, tools: Mapping[str, ProposedTool], here: Region, table: Table
 ) -> Layout | None:
-    """Returns trays and boxes on a table, and of that no more than is needed; None where there is no room."""
+    """Place trays and boxes on a table, cut to the size they need; None without room."""
     step, height = here.step, round(table.top + 0.5 * here.step, 4)
     grid = here.grid(here.home[None], np.array([height]), step)
     x, y = (
@@ -197,14 +198,14 @@ def _refused(what: str, name: str) -> InfeasibleError:
 
 
 def _under(x: FloatArray, y: FloatArray, step: float, levels: tuple[float, float]) -> Table:
-    """Returns the table under some nodes."""
+    """Build the table under a block of nodes."""
     low = (round(float(x[0] - 0.5 * step), 4), round(float(y[0] - 0.5 * step), 4))
     high = (round(float(x[-1] + 0.5 * step), 4), round(float(y[-1] + 0.5 * step), 4))
     return Table(low, high, *levels)
 
 
 def _front(cell: Cell, here: Region, grid: TableGrid) -> FloatArray:
-    """Returns what nodes are worth by where they are, shape (ny, nx): more in front, where the tools are at home."""
+    """Compute weights of nodes, shape (ny, nx): larger in front, on the side of the tools at home."""
     model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
     tips = np.mean([model.tool_position(arm, home)[:2] for arm in model.arms], axis=0)
     ahead = tips - np.array(here.centre)
@@ -218,7 +219,7 @@ def _front(cell: Cell, here: Region, grid: TableGrid) -> FloatArray:
 
 
 def _starts_at_home(cell: Cell, top: float) -> bool:
-    """Returns whether the posture home is clear of everything, with all tools above the table."""
+    """Test whether the posture home is collision-free, with all tools above the table."""
     model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
     test = CellClearance.of(cell, ()).test
     groups = [*(test.arm_pairs(arm) for arm in model.arms), test.cross()]
@@ -229,7 +230,7 @@ def _starts_at_home(cell: Cell, top: float) -> bool:
 def _rows(
     cell: Cell, reach: ReachMap, here: Region
 ) -> tuple[dict[str, Row], dict[str, Row]] | None:
-    """Returns trays and boxes of all arms; None where there are none that are clear of each other."""
+    """Place trays and boxes of all arms without collisions, or return None."""
     found = {arm: _found(reach, arm) for arm in reach.postures}
     grid = reach.grid
     middle = [
@@ -309,10 +310,12 @@ def _layouts(
     centre: Sequence[float],
     apart: Sequence[float],
 ) -> Sequence[tuple[tuple[Nodes, Nodes], ...]]:
-    """Returns which tray and box each arm may have, best first: arms well apart, and the rest alike on both sides.
+    """List combinations of the arms' tray and box pairs, best first.
+
+    Arms far apart come first, and arrangements that are symmetric.
 
     Args:
-        pairs: by arm, trays and boxes.
+        pairs: tray and box pairs by arm.
         centre: middle of the robot, row and column.
         apart: from the right shoulder to the left one, along rows and columns.
     """
@@ -363,7 +366,7 @@ def _clear_of_each_other(
 
 
 def _row(grid: TableGrid, nodes: Nodes, both: BoolArray) -> Row:
-    """Returns a row of targets as a file tells it."""
+    """Convert a row of nodes to rounded file values."""
     y, x = (
         float(np.mean([side[node[k]] for node in nodes])) for k, side in enumerate((grid.y, grid.x))
     )
@@ -373,31 +376,31 @@ def _row(grid: TableGrid, nodes: Nodes, both: BoolArray) -> Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table top, its sides along x and y."""
+    """Table top with sides along x and y."""
 
     low: tuple[float, float]
-    """Least x and y [m]."""
+    """Minimum x and y [m]."""
     high: tuple[float, float]
-    """Greatest x and y [m]."""
+    """Maximum x and y [m]."""
     top: float
-    """Height of its top [m]."""
+    """Height of the top [m]."""
     thickness: float
-    """[m]"""
+    """Thickness [m]."""
 
     @property
     def size(self) -> tuple[float, float, float]:
-        """Sides [m]."""
+        """Side lengths [m]."""
         return self.high[0] - self.low[0], self.high[1] - self.low[1], self.thickness
 
     @property
     def middle(self) -> tuple[float, float, float]:
-        """Its centre [m]."""
+        """Centre [m]."""
         x, y = (0.5 * (a + b) for a, b in zip(self.low, self.high, strict=True))
         return x, y, self.top - 0.5 * self.thickness
 
     @property
     def obstacle(self) -> Obstacle:
-        """In the data model."""
+        """Obstacle of the data model."""
         return Obstacle("table", Shape("box", self.size, pin.SE3(np.eye(3), np.array(self.middle))))
 
 
@@ -406,14 +409,14 @@ def room_for_table(
 ) -> BoolArray:
     """Mark the nodes where a table clears the robot at home, shape (ny, nx).
 
-    A platform that turns is looked at all round.
+    A turning platform is checked at every angle.
 
     Args:
         cell: robot and tools.
         x: nodes [m], evenly spaced.
         y: nodes [m].
-        levels: least and greatest height of the table [m].
-        arms: whether it must not touch the arms in the posture home either.
+        levels: minimum and maximum height of the table [m].
+        arms: whether the table must also clear the arms in the posture home.
     """
     model, home = pin.buildModelFromXML(cell.robot.urdf), cell.robot.postures["home"]
     solids, data = cell_solids(cell, model, ()), model.createData()
@@ -449,10 +452,10 @@ def room_for_table(
 def most_reached(
     reached: list[BoolArray], free: BoolArray, front: FloatArray
 ) -> tuple[float, slice, slice]:
-    """Find the free rectangle of nodes in which the arms reach most.
+    """Find the free rectangle of nodes with the largest reach.
 
-    Its score is the weight of the nodes that the arm with less of it reaches, plus half the weight of those that all
-    arms reach, minus a tenth of the number of nodes.
+    Its score is the reached weight of the arm that reaches less, plus half the weight that all arms reach, minus a
+    tenth of the number of nodes.
 
     Args:
         reached: by arm, the nodes that it reaches, shape (ny, nx).

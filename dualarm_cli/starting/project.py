@@ -1,4 +1,4 @@
-"""The files of a first project: what they say, and the folder that they are written to."""
+"""Files of a first project, and the folder they are written to."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dualarm_cli.starting.layout import LAYOUT, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource
 
 LAST = "tasks.yaml"
-"""The file that is put into its place last: where it is, all are."""
+"""File that is moved into place last; its presence means that all files are there."""
 WORKFLOW = """\
 # Cycle times that must not get worse. Before the first run, complete requirements.txt, write scores.json and commit it:
 #   dualarm score tasks.yaml --baseline scores.json --update-baseline
@@ -72,7 +72,7 @@ REQUIREMENTS = """\
 
 
 def refuse_used_folder(folder: Path) -> None:
-    """Raises OutputError where a folder is not new and not empty, or cannot be made."""
+    """Raise OutputError unless a folder is new or empty and can be created."""
     if folder.is_dir() and not any(folder.iterdir()):
         return
     if os.path.lexists(folder):
@@ -81,7 +81,7 @@ def refuse_used_folder(folder: Path) -> None:
 
 
 def start_project(folder: Path, source: RobotSource) -> list[str]:
-    """Writes a project for a robot, whole or not at all, and returns the paths of its files in the folder.
+    """Write a project for a robot atomically, and return its file paths.
 
     Args:
         folder: new or empty.
@@ -124,7 +124,7 @@ def _write(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def _files(source: RobotSource, layout: Layout) -> dict[str, bytes]:
-    """Returns the files that do not come with the robot."""
+    """Build the project's files that do not belong to the robot."""
     texts = {
         "cell.yaml": _editor_line("cell") + cell_text(source, layout),
         "tasks.yaml": _editor_line("tasks") + tasks_text(layout),
@@ -137,7 +137,7 @@ def _files(source: RobotSource, layout: Layout) -> dict[str, bytes]:
 
 
 def _schema_file(kind: str) -> str:
-    """Returns where editors find the schema of a kind of file."""
+    """Return the path at which editors find the schema of a file type."""
     return f".dualarm/{kind}.schema.json"
 
 
@@ -150,11 +150,11 @@ def _bare_cell(source: RobotSource) -> str:
 
 
 def cell_text(source: RobotSource, layout: Layout) -> str:
-    """Returns the text of the cell file.
+    """Write the text of the cell file.
 
     Args:
         source: the robot.
-        layout: what stands where.
+        layout: of the cell.
     """
     own = "the robot's own hand" if any(t.hand for t in layout.tools.values()) else "a gripper"
     lines = [
@@ -183,10 +183,10 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
 
 
 def tasks_text(layout: Layout) -> str:
-    """Returns the text of the task file.
+    """Write the text of the task file.
 
     Args:
-        layout: what stands where.
+        layout: of the cell.
     """
     line = _mm(0.5 * layout.step)
     lines = [
@@ -223,10 +223,10 @@ def tasks_text(layout: Layout) -> str:
 
 
 def study_text(layout: Layout) -> str:
-    """Returns the text of the study file.
+    """Write the text of the study file.
 
     Args:
-        layout: what stands where.
+        layout: of the cell.
     """
     shift = 0.5 * layout.step
     frames = [f"{what}_{arm}" for arm in layout.trays for what in ("tray", "box")]
@@ -254,7 +254,7 @@ def _pairs(layout: Layout) -> list[tuple[Row, Row]]:
 
 
 def _tool(tool: ProposedTool) -> str:
-    """Returns a tool as a cell file has it."""
+    """Format a tool for the cell file."""
     turned = f", rpy: [{', '.join(_degrees(angle) for angle in tool.rpy)}]" if any(tool.rpy) else ""
     tcp, middle = (
         f"xyz: [{', '.join(_mm(value) for value in tool.along(distance).translation)}]{turned}"
@@ -265,7 +265,7 @@ def _tool(tool: ProposedTool) -> str:
 
 
 def _frame(row: Row, height: float) -> str:
-    """Returns a frame whose y axis runs along a row of targets."""
+    """Format a frame whose y axis runs along a row of targets."""
     turned = ", rpy: [0, 0, -90 deg]" if row.along == "x" else ""
     x, y = row.centre
     return f"{{xyz: [{_number(x)}, {_number(y)}, {_number(height)}]{turned}}}"

@@ -1,4 +1,4 @@
-"""The robot of a new project: a bundled one, a folder that `dualarm robot import` wrote, or a URDF."""
+"""Robot of a new project: bundled, imported by `dualarm robot import`, or a URDF."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ CELL_FILE = "cell.yaml"
 
 @dataclass(frozen=True)
 class RobotSource:
-    """What a cell file says of its robot, and the files that this leads to."""
+    """Robot of a new project: its reference in the cell file, and its files."""
 
     reference: str
     """Value of `robot:` in a cell file, as text."""
     files: Mapping[str, bytes]
     """Content of the robot's files by their path in the project."""
     name: str
-    """What messages call it."""
+    """Name of the robot in messages."""
     reasons: tuple[str, ...] = ()
-    """What was decided while it was imported."""
+    """Decisions of the robot import."""
 
 
 def robot_source(robot: str | None, packages: Sequence[Path] = ()) -> RobotSource:
-    """Returns the robot of a new project.
+    """Find the robot of a new project.
 
     Args:
-        robot: a bundled robot's name, a folder or robot file, or a URDF; None for the one that is taken then.
+        robot: a bundled robot's name, a folder, a robot file or a URDF; None for the default robot.
         packages: folders of ROS packages, for a URDF.
 
     Raises:
@@ -67,7 +67,7 @@ def robot_source(robot: str | None, packages: Sequence[Path] = ()) -> RobotSourc
 
 
 def _robot_file(path: Path) -> RobotSource:
-    """Returns a robot file with all that it reads."""
+    """Load a robot file with all files that it reads."""
     if not path.is_file():
         raise UsageError(
             f"--robot {path.parent}: holds neither {ROBOT_FILE} nor {CELL_FILE}; name a folder that `dualarm robot "
@@ -81,7 +81,7 @@ def _robot_file(path: Path) -> RobotSource:
 
 
 def _pair(folder: Path) -> RobotSource:
-    """Returns the two robots of a cell file with all that they read."""
+    """Load the two robots of a cell file with all files that they read."""
     path = folder / CELL_FILE
     with recorded_reads() as read:
         load_cell(path)
@@ -95,10 +95,10 @@ def _pair(folder: Path) -> RobotSource:
 
 
 def _copied(path: Path, read: Mapping[str, str]) -> dict[str, bytes]:
-    """Returns the content of files that were read, by their paths in the folder of the first of them.
+    """Read recorded files, by their paths relative to the first file's folder.
 
     Raises:
-        UsageError: one is elsewhere.
+        UsageError: a file is outside that folder.
     """
     files = {}
     for name in read:
@@ -113,7 +113,7 @@ def _copied(path: Path, read: Mapping[str, str]) -> dict[str, bytes]:
 
 
 def _imported(urdf: Path, packages: Sequence[Path]) -> RobotSource:
-    """Returns a robot that is imported on the way."""
+    """Import a robot from a URDF."""
     imported = import_robot(ImportRequest(urdf, packages=tuple(packages)))
     files = {f"{imported.folder}/{name}": content for name, content in imported.files.items()}
     return RobotSource(

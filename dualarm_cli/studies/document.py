@@ -1,6 +1,6 @@
 """Document of `dualarm sweep`: ranked rows, Pareto set, failures, and each parameter's influence.
 
-Nothing in it was measured by a clock, and nothing depends on processes or on what a store knew.
+It has no measured times, and depends neither on processes nor on the store.
 
 The influence of a parameter on an objective is estimated from the plans of the study. It has three measures:
 
@@ -41,13 +41,13 @@ _TOGETHER = {sum: "sum", max: "largest", min: "least"}
 def study_document(
     study: Study, rows: Sequence[StudyRow], reference: StudyRow, method: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Returns the whole document, JSON-ready; SI units but for parameters, which have their own.
+    """Compose the JSON-ready document; SI units, except for parameters with their own units.
 
     Args:
-        study: what was varied.
+        study: the study.
         rows: one per point.
-        reference: what the files come to as they are.
-        method: how the points were found.
+        reference: row of the unchanged files.
+        method: the choice of points.
     """
     ranking = rank(rows, study.objectives)
     planned = {row.number for row in ranking.rows}
@@ -125,7 +125,7 @@ def _row(study: Study, row: StudyRow, ranking: Ranking, place: int | None) -> di
 
 
 def _figures(row: StudyRow) -> dict[str, Any]:
-    """Returns what a row came to, and each task file's share of it."""
+    """Collect a row's figures, and those of each task file."""
     return {**row.figures, "jobs": [_job(evaluation) for evaluation in row.evaluations]}
 
 
@@ -145,7 +145,7 @@ def _job(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _reasons(study: Study, row: StudyRow) -> list[str]:
-    """Returns why a row has no plan, as sentences."""
+    """List the reasons why a row has no plan, as sentences."""
     if row.status == "bad_input":
         problems = input_problems(study, row.point)
         if problems:
@@ -159,7 +159,7 @@ def _reasons(study: Study, row: StudyRow) -> list[str]:
 
 
 def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> list[dict[str, Any]]:
-    """Returns what failed: rows of one status whose first lines differ in numbers only, counted together."""
+    """Group failed rows by status and first line; numbers in the line may differ."""
     groups: dict[tuple[str, str], list[StudyRow]] = {}
     for row in failed:
         first = reasons[row.number][0] if reasons[row.number] else ""
@@ -180,7 +180,7 @@ def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> l
 def _sensitivity(
     study: Study, objective: Objective, rows: Sequence[StudyRow], searched: bool
 ) -> dict[str, Any]:
-    """Returns what an objective depends on, by all rows that have it."""
+    """Analyse the sensitivity of an objective, over all rows that have its value."""
     known = [(row, value) for row in rows if (value := row.figures[objective.name]) is not None]
     known.sort(key=lambda pair: pair[0].number)
     factors = [_factor(p, k, [row for row, _ in known]) for k, p in enumerate(study.parameters)]
@@ -213,7 +213,7 @@ def _sensitivity(
 
 
 def _factor(parameter: Parameter, k: int, rows: Sequence[StudyRow]) -> Factor:
-    """Returns a parameter as columns of numbers."""
+    """Encode a parameter as a factor."""
     levels = [row.point[k] for row in rows]
     if not parameter.is_numeric:
         places = [parameter.levels.index(level) for level in levels]
@@ -225,12 +225,12 @@ def _factor(parameter: Parameter, k: int, rows: Sequence[StudyRow]) -> Factor:
 
 @dataclass(frozen=True)
 class EffectSettings:
-    """Binning of sampled parameters."""
+    """Settings of the sensitivity analysis."""
 
     bins: int = 4
-    """Into how many equal parts a range without steps is cut for main effects, at most."""
+    """Maximum number of bins of a range without steps, for main effects."""
     per_bin: int = 4
-    """Plans that a part should have on average."""
+    """Minimum mean number of plans per bin."""
     few: int = 5
     """Plans per parameter below which the numbers are hints."""
     straight: float = 0.7
@@ -244,16 +244,16 @@ EFFECT = EffectSettings()
 
 @dataclass(frozen=True)
 class Factor:
-    """A parameter as columns of numbers: what each plan had of it."""
+    """Factor of the analysis: a parameter's value in each plan."""
 
     name: str
     """Name of the parameter."""
     levels: IntArray
-    """Index of each plan's value, or of its part of a range, shape (n,)."""
+    """Index of each plan's value or bin, shape (n,)."""
     count: int
-    """Number of values, or of parts of a range without steps."""
+    """Number of values or bins."""
     numbers: FloatArray | None
-    """The values as numbers, shape (n,); None where they are words."""
+    """Numeric values, shape (n,); None for words."""
 
 
 @dataclass(frozen=True)
@@ -263,13 +263,13 @@ class Influence:
     parameter: str
     """Name of the parameter."""
     effect: float | None
-    """Largest minus least mean of the objective over the parameter's values, in the objective's unit."""
+    """Largest minus least level mean of the objective, in the objective's unit."""
     share: float | None
-    """Part of the objective's variance that is the parameter's own."""
+    """Fraction of the objective's variance that the parameter explains alone."""
     slope: float | None
-    """Standardised coefficient of regression; None where it is not a number, or not separable from others."""
+    """Standardised regression coefficient; None for words, or if not separable from others."""
     rank_correlation: float | None
-    """Spearman's; None where the parameter is not a number or does not vary."""
+    """Spearman's rank correlation; None for words or a constant parameter."""
 
 
 @dataclass(frozen=True)
@@ -277,18 +277,18 @@ class StudySensitivity:
     """Sensitivity of an objective to the parameters of a study."""
 
     plans: int
-    """Number of plans that the analysis rests on."""
+    """Number of analysed plans."""
     is_grid: bool
     """Flag of plans that form a whole grid of the values that occur.
 
-    Shares are exact then.
+    Fractions are exact then.
     """
     influences: tuple[Influence, ...]
     """Influences of all parameters, the one with the largest share first."""
     pairs: tuple[tuple[str, str, float], ...]
-    """On a whole grid: shares of the interactions of two parameters, the largest first."""
+    """Interaction fractions of parameter pairs on a whole grid, largest first."""
     linear_share: float | None
-    """Part of the variance that a linear fit explains."""
+    """Fraction of the variance that a linear fit explains."""
     notes: tuple[str, ...] = field(default=())
     """Remarks on the reliability of the analysis."""
 
@@ -332,9 +332,8 @@ def sensitivity(
     Args:
         factors: the parameters, all with n plans.
         values: the objective, shape (n,).
-        stepped: whether all parameters have steps: with a plan for every combination of those that occur, shares are
-            exact for these.
-        step: spread of the objective up to which it counts as the same in all plans.
+        stepped: whether all parameters have steps; with a plan for every combination that occurs, fractions are exact.
+        step: spread of the objective up to which it counts as constant.
     """
     count = len(values)
     grid = stepped and _is_grid(factors, count)
@@ -391,9 +390,9 @@ def _effect(factor: Factor, values: FloatArray) -> float | None:
 
 
 def _share(factor: Factor, values: FloatArray, grid: bool) -> float | None:
-    """Compute the share of the variance between a parameter's levels.
+    """Compute the fraction of the variance between a parameter's levels.
 
-    Off a grid, what chance explains is subtracted.
+    Off a grid, the fraction expected by chance is subtracted.
     """
     _, means, counts = level_means(factor, values)
     if len(means) < 2:
@@ -409,7 +408,7 @@ def _share(factor: Factor, values: FloatArray, grid: bool) -> float | None:
 
 
 def _pairs(factors: Sequence[Factor], values: FloatArray) -> tuple[tuple[str, str, float], ...]:
-    """Compute the shares of pairwise interactions on a whole grid.
+    """Compute the variance fractions of pairwise interactions on a whole grid.
 
     The largest comes first.
     """

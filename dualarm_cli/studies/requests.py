@@ -1,4 +1,4 @@
-"""Points of a study as requests for evaluations: which values of which files are replaced by what."""
+"""Evaluation requests of a study's points: files with replaced values."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from dualarm_cli.model.study import Amount, Level, Parameter, Point, Study, Targ
 
 
 def check_settings(study: Study) -> None:
-    """Makes sure that every method exists that the study's settings name.
+    """Check that every method named in the study's settings exists.
 
     Raises:
-        InputError: one does not, at its place in the study file.
+        InputError: an unknown name, at its place in the study file.
     """
     named = [key for key in ("platform", "timing", "redundancy") if key in study.settings]
     if not named:
@@ -47,14 +47,14 @@ def check_settings(study: Study) -> None:
 
 
 def reference_requests(study: Study) -> list[Request]:
-    """Returns the requests of the files as they are, one per task file."""
+    """Build the requests of the unchanged files, one per task file."""
     return [_request(study, k, {}) for k in range(len(study.tasks))]
 
 
 def point_requests(study: Study, point: Point) -> list[Request]:
-    """Returns the requests of a point, one per task file.
+    """Build the requests of a point, one per task file.
 
-    A value that is the file's own is not replaced, so that what the files are already is planned once.
+    A value equal to the file's is not replaced, so that the unchanged files are planned once.
     """
     requests = []
     for k in range(len(study.tasks)):
@@ -74,12 +74,12 @@ def _request(study: Study, k: int, overrides: dict[str, Any]) -> Request:
 
 
 def new_value(target: Target, job: int, level: Level) -> float | str | bool:
-    """Returns what a file has in place of its own value.
+    """Compute the value that replaces a file's.
 
     Args:
-        target: the value.
+        target: place of the value.
         job: number of the task file.
-        level: what the parameter is.
+        level: value of the parameter.
     """
     found = target.present[job]
     if not isinstance(level, Amount):

@@ -1,4 +1,4 @@
-"""Rows of a study: one point, what its plans came to, and which rows are best."""
+"""Rows of a study: points with their results, and their ranking."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _BLOCK = 256
 
 
 def pareto_set(costs: FloatArray) -> BoolArray:
-    """Returns which rows no other row dominates, shape (n,).
+    """Mark the rows that no other row dominates, shape (n,).
 
     Equal rows do not dominate each other.
 
     Args:
-        costs: shape (n, k), the smaller the better; finite.
+        costs: to be minimised, finite, shape (n, k).
     """
     count = len(costs)
     kept = np.ones(count, dtype=bool)
@@ -38,34 +38,34 @@ TOGETHER: Mapping[str, Callable[[Sequence[float]], float]] = {
     "clearance": min,
     "travel": sum,
 }
-"""How the figures of several task files become one."""
+"""Aggregation of each figure over several task files."""
 
 
 @dataclass(frozen=True)
 class StudyRow:
-    """A point and what came of it."""
+    """Point of a study with its evaluations."""
 
     number: int
-    """Its place among the points, in the order in which they were made."""
+    """Index of the point, in order of creation."""
     point: Point
-    """The values of the parameters; empty for the files as they are."""
+    """Values of the parameters; empty for the unchanged files."""
     evaluations: tuple[Evaluation, ...]
-    """By task file."""
+    """Evaluations by task file."""
 
     @property
     def status(self) -> Status:
-        """The worst of all task files'."""
+        """Worst status of all task files."""
         found = {evaluation.status for evaluation in self.evaluations}
         return max(found, key=STATUSES.index)
 
     @property
     def is_planned(self) -> bool:
-        """Whether every task file has a plan that the verifier passes."""
+        """Flag of a row in which every task file has a verified plan."""
         return self.status == "planned"
 
     @property
     def figures(self) -> dict[str, float | None]:
-        """By objective what all task files come to together; None where it is not known, or where there is no plan."""
+        """Total figure of all task files by objective; None if unknown or without a plan."""
         found: dict[str, float | None] = {}
         for name in OBJECTIVES:
             values = [getattr(evaluation, name) for evaluation in self.evaluations]
@@ -74,7 +74,7 @@ class StudyRow:
         return found
 
     def costs(self, objectives: Sequence[Objective]) -> list[float] | None:
-        """Returns numbers that are the smaller the better; None where one is not known."""
+        """Compute the costs to minimise; None if a figure is unknown."""
         figures = self.figures
         values = [figures[objective.name] for objective in objectives]
         if any(value is None for value in values):
@@ -87,17 +87,17 @@ class Ranking:
     """Rows with a plan, best first."""
 
     rows: tuple[StudyRow, ...]
-    """The Pareto set first, by the first objective, then the others by it; what cannot be ranked last."""
+    """Pareto set sorted by the first objective, then the other rows, then unrankable ones."""
     pareto: frozenset[int]
-    """Numbers of the rows of the Pareto set."""
+    """Row numbers of the Pareto set."""
 
 
 def rank(rows: Sequence[StudyRow], objectives: Sequence[Objective]) -> Ranking:
-    """Returns the rows that have a plan, best first.
+    """Rank the rows with a plan, best first.
 
     Args:
         rows: all of them.
-        objectives: what counts, most important first.
+        objectives: most important first.
     """
     planned = [row for row in rows if row.is_planned]
     costs = {row.number: row.costs(objectives) for row in planned}

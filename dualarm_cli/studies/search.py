@@ -1,11 +1,7 @@
-"""Points searched instead of enumerated: a tree-structured Parzen estimator (optuna), in batches.
+"""Points of a study: enumerated, sampled or searched, and their evaluation into rows.
 
-A batch has always the same size, whatever the number of processes, and results come in the order of the questions: so
-the same seed asks for the same points everywhere.
-
-The points of a study: full grids over steps, samples over ranges without steps.
-
-A study carried out: points to rows, through the store, by a crew or a cluster.
+The search is a tree-structured Parzen estimator (optuna) in batches. The batch size does not depend on the number of
+processes, and results come in the order of the requests, so that the same seed gives the same points everywhere.
 """
 
 from __future__ import annotations
@@ -33,10 +29,10 @@ from dualarm_cli.studies.rows import StudyRow
 
 @dataclass(frozen=True)
 class StudySearchSettings:
-    """Numbers of the search for good parameters."""
+    """Settings of the parameter search."""
 
     batch: int = 8
-    """Points that are asked for at a time."""
+    """Number of points per batch."""
     tries: int = 20
     """Further proposals of the estimator where one is known."""
     draws: int = 200
@@ -51,11 +47,11 @@ SEARCH = StudySearchSettings()
 
 
 Rows = Callable[[Sequence[Point], Sequence[StudyRow]], list[StudyRow]]
-"""Evaluates points, given the rows that there are already."""
+"""Function that evaluates points, given the earlier rows."""
 
 
 def require_optuna() -> None:
-    """Raises MissingDependencyError where optuna is not installed, without loading it."""
+    """Raise MissingDependencyError if optuna is not installed, without loading it."""
     from importlib.util import find_spec
 
     if find_spec("optuna") is None:
@@ -63,16 +59,16 @@ def require_optuna() -> None:
 
 
 def search(study: Study, budget: int, seed: int, evaluate: Rows) -> list[StudyRow]:
-    """Returns the rows of the points that were tried, in their order, no point twice.
+    """Search a study's points for good objectives, and return distinct points in order.
 
-    The first ones are spread over the ranges; then come those of which good rows make it likely that they are good.
-    Rows without a plan count as worse than all others. With several objectives their Pareto set is searched for.
+    The first points cover the ranges evenly; the estimator proposes the others from the good rows. Rows without a plan
+    count as worse than all others. With several objectives the search approximates their Pareto set.
 
     Args:
-        study: what is varied, and what is to become good.
-        budget: how many points at most.
+        study: parameters and objectives.
+        budget: maximum number of points.
         seed: of all randomness.
-        evaluate: makes rows of points.
+        evaluate: evaluates points into rows.
 
     Raises:
         MissingDependencyError: optuna is not installed.
@@ -92,7 +88,7 @@ def search(study: Study, budget: int, seed: int, evaluate: Rows) -> list[StudyRo
 
 
 class _Searcher:
-    """An estimator that is asked for points and told what came of them."""
+    """Ask-and-tell interface to the estimator."""
 
     def __init__(self, study: Study, budget: int, seed: int) -> None:
         import optuna
@@ -119,7 +115,7 @@ class _Searcher:
         self._known: dict[Point, tuple[list[float], float]] = {}
 
     def ask(self, count: int) -> list[Point]:
-        """Returns up to `count` points that have not been asked for; fewer where there are no more."""
+        """Propose up to `count` new points; fewer if there are no more."""
         points = []
         for _ in range(count):
             point = self._next()
@@ -129,7 +125,7 @@ class _Searcher:
         return points
 
     def tell(self, row: StudyRow) -> None:
-        """Takes what came of a point."""
+        """Report the result of a point."""
         costs = row.costs(self._study.objectives)
         if costs is None:
             costs, misses = [SEARCH.no_plan] * len(self._study.objectives), 1.0
@@ -143,7 +139,7 @@ class _Searcher:
         self._optuna.tell(trial, costs)
 
     def _next(self) -> Point | None:
-        """Returns one new point: of the spread, else of the estimator, else any."""
+        """Propose one new point: of the initial design, of the estimator, or random."""
         for point in self._spread:
             if point not in self._trials:
                 return self._take(self._asked(point), point)
@@ -179,7 +175,7 @@ class _Searcher:
         return tuple(a.at(float(share)) for a, share in zip(self._axes, shares, strict=True))
 
     def _any(self) -> Point | None:
-        """Returns a point at random that is new; None where there is none."""
+        """Draw a new random point, or None."""
         for _ in range(SEARCH.draws):
             point = self._point(self._rng.random(len(self._axes)).tolist())
             if point not in self._trials:
@@ -187,13 +183,13 @@ class _Searcher:
         return next((p for p in self._all() if p not in self._trials), None)
 
     def _all(self) -> Iterator[Point]:
-        """Yields every combination where all parameters have steps."""
+        """Yield every combination if all parameters have steps."""
         if all(axis.levels for axis in self._axes):
             yield from product(*(axis.levels for axis in self._axes))
 
 
 class _Axis:
-    """A parameter as the estimator sees it: a share of a range, a place among ordered numbers, or a word."""
+    """Encoding of a parameter: fraction of a range, index of a number, or word."""
 
     def __init__(self, name: str, parameter: Parameter) -> None:
         from optuna.distributions import (
@@ -214,17 +210,17 @@ class _Axis:
             self.distribution = CategoricalDistribution(list(range(len(self.levels))))
 
     def at(self, share: float) -> Any:
-        """Returns the level at a share from 0 to 1."""
+        """Return the level at a fraction from 0 to 1."""
         if self._span is not None:
             return self._span.at(share)
         return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
 
     def level(self, value: Any) -> Any:
-        """Returns the level that the estimator means."""
+        """Decode the estimator's value of a level."""
         return self._span.at(value) if self._span is not None else self.levels[value]
 
     def value(self, level: Any) -> Any:
-        """Returns what the estimator calls a level."""
+        """Encode a level for the estimator."""
         if self._span is None:
             return self.levels.index(level)
         low, high = self._span.low.number, self._span.high.number
@@ -232,7 +228,7 @@ class _Axis:
 
 
 def whole_grid(study: Study) -> int | None:
-    """Returns how many points there are if all parameters have steps, else None."""
+    """Count the points of the whole grid, or return None for ranges without steps."""
     if any(parameter.span is not None for parameter in study.parameters):
         return None
     return math.prod(len(parameter.levels) for parameter in study.parameters)
@@ -255,11 +251,11 @@ def count_points(study: Study) -> int | None:
 def study_points(study: Study) -> list[Point]:
     """Enumerate the points of a study: all combinations of its parameters' values.
 
-    Samples of the ranges are combined with all steps of the other parameters. Points go in the order of the parameters,
-    the last one changing first; samples change first of all.
+    Samples of the ranges are combined with all steps of the other parameters. The last parameter changes first, and
+    samples change before all parameters.
 
     Args:
-        study: what is varied.
+        study: the study.
 
     Raises:
         UsageError: a range has neither steps nor samples, or there are too many points.
@@ -315,13 +311,13 @@ class Progress:
     """Progress of a study."""
 
     done: int
-    """Points that are done."""
+    """Number of finished points."""
     of: int
-    """Points that there are."""
+    """Total number of points."""
     known: int
     """Plans that the store knew."""
     best: StudyRow | None
-    """The best row so far by the first objective."""
+    """Best row so far by the first objective."""
 
 
 @dataclass
@@ -329,17 +325,17 @@ class Desk:
     """Evaluator of a study's points, from the store or by new plans."""
 
     run: Run
-    """Evaluates what the store does not know."""
+    """Runner of requests that the store lacks."""
     store: Store | None
     """Store of earlier evaluations, or None."""
     tell: Callable[[Progress], None] = lambda _: None
-    """Called after every point."""
+    """Progress callback after every point."""
     known: int = 0
     """Plans that the store knew."""
     planned: int = 0
-    """Plans that were made."""
+    """Number of new plans."""
     seen: dict[str, str] = field(default_factory=dict)
-    """Hashes by path of the files that plans were made from."""
+    """Hashes of the files read, by path."""
 
     def rows(
         self, study: Study, points: Sequence[Point], done: Sequence[StudyRow] = ()
@@ -347,9 +343,9 @@ class Desk:
         """Evaluate points into one row each, in their order.
 
         Args:
-            study: what the points are of.
-            points: what is asked.
-            done: rows of the same study that came before; they count as progress, and number on.
+            study: the study.
+            points: to evaluate.
+            done: earlier rows of the same study; they count as progress, and numbering continues after them.
 
         Raises:
             InputError: a file of the jobs changed meanwhile.
@@ -366,10 +362,10 @@ class Desk:
         return self._evaluated(asked, lambda _, e: StudyRow(-1, (), e), study, None)[0]
 
     def pages(self, study: Study, rows: Sequence[StudyRow]) -> dict[tuple[int, int], str]:
-        """Collect the page data of plans, planning them again where the store has none.
+        """Collect the page data of plans, and plan those again that the store lacks.
 
         Args:
-            study: what the rows are of.
+            study: the study.
             rows: rows to show.
 
         Returns:
@@ -429,7 +425,7 @@ class Desk:
 
 
 def _first(study: Study) -> Callable[[StudyRow], float]:
-    """Return the cost function that compares rows: their first objective."""
+    """Create the cost function of a row's first objective."""
 
     def cost(row: StudyRow) -> float:
         costs = row.costs(study.objectives[:1])

@@ -1,4 +1,4 @@
-"""Plans in which the platform stands at several angles one after the other, each arm by its own clock meanwhile."""
+"""Asynchronous plans in epochs, with the platform at a different position in each."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ HERE = "(where the platform stood before)"
 
 @dataclass(frozen=True)
 class FreeEpochs:
-    """One answer."""
+    """Epochs of a plan: platform angles and tasks."""
 
     job: Job
     """The job with arms and order."""
     epochs: tuple[tuple[FloatArray, tuple[Task, ...]], ...]
-    """By epoch the platform's angle, shape (k,), and the tasks, each arm's in their order."""
+    """Platform angle, shape (k,), and ordered tasks of each epoch."""
     total: float
     """Its cycle time as far as the search for orders knows [s]."""
 
@@ -44,14 +44,14 @@ class FreeEpochs:
 def epoch_orders(
     order: OrderModel, effort: str, seed: int, watch: Watch, most: int
 ) -> list[FreeEpochs]:
-    """Returns good answers with at least two angles, the best one first.
+    """Search for orders with at least two epochs, best first.
 
     Args:
         order: the job's tasks.
         effort: one of EFFORTS.
         seed: of all randomness.
         watch: may end the search.
-        most: so many answers at most.
+        most: maximum number of results.
     """
     if len(order.angles) < 2 or len(order.job.tasks) < 2:
         return []
@@ -67,7 +67,7 @@ def epoch_orders(
 
 
 def _decided(order: OrderModel, found: EpochOrder) -> FreeEpochs:
-    """Returns an answer with angles, tasks and arms for numbers."""
+    """Convert numbered angles, tasks and arms to epochs."""
     epochs: list[tuple[FloatArray, tuple[Task, ...]]] = []
     for epoch, rows in zip(found.epochs, found.rows, strict=True):
         own = [
@@ -89,7 +89,7 @@ def _decided(order: OrderModel, found: EpochOrder) -> FreeEpochs:
 
 
 def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
-    """Returns the motion: epoch after epoch, each from where the one before ends.
+    """Plan the motion epoch by epoch, each from the end of the previous one.
 
     Raises:
         InfeasibleError: an epoch that has no plan.
@@ -121,7 +121,7 @@ def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
 
 
 def _later(tasks: Sequence[Task], clock: float) -> tuple[Task, ...]:
-    """Returns tasks with their windows counted from an instant [s]."""
+    """Shift the time windows of tasks to start from an instant [s]."""
     return tuple(
         replace(
             task,

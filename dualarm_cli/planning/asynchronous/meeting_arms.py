@@ -1,4 +1,4 @@
-"""Waits by which two asynchronous arms pass each other without collision."""
+"""Coordination of two asynchronous arms: waits that avoid collisions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class _Use:
-    """One stop of an arm at a buffer, in steps of its timeline."""
+    """Use of a buffer by an arm, in steps of its timeline."""
 
     begins: Since
     """When its tool is there, counted from where the arm may wait last before that."""
@@ -46,7 +46,7 @@ class _Use:
 def first_missed(
     blocked: BoolArray, buffers: BoolArray, steps: tuple[int, int], at: tuple[int, int]
 ) -> bool:
-    """Returns whether it is a buffer that two arms would miss first if both went on from somewhere without a wait.
+    """Return whether a buffer, not a collision, first blocks two arms that proceed.
 
     Args:
         blocked: where they must not be together for any reason, as of `Diagram.blocked`.
@@ -65,18 +65,18 @@ def first_missed(
 
 
 class MeetingBuffers:
-    """A job's buffers in the plane of two timelines.
+    """Buffers of a job over the timelines of two arms.
 
     What needs something counts from the step before its event, what gives something from the step after its dwell, and
     not before the arm has gone on from where it may wait: so instants between steps are no matter.
     """
 
     def __init__(self, job: Job, clocks: Sequence[OwnClock], steps: Sequence[ClockSteps]) -> None:
-        """Counts parts along both timelines.
+        """Count parts along both timelines.
 
         Args:
             job: decided.
-            clocks: both arms' ways.
+            clocks: both arms' timelines.
             steps: of each timeline.
         """
         stops = job.stops_by_key()
@@ -102,7 +102,7 @@ class MeetingBuffers:
             self._uses.append(own)
 
     def blocked(self, band: int) -> BoolArray:
-        """Returns where parts or room are missing, shape (steps + 1, 2 band + 1), as of `Diagram.blocked`."""
+        """Return where parts or room are missing, shape (steps + 1, 2 band + 1)."""
         n, m = self._steps
         i = np.arange(n + 1)[:, None]
         j = np.clip(i + np.arange(2 * band + 1)[None, :] - band, 0, m)
@@ -112,10 +112,10 @@ class MeetingBuffers:
         return found
 
     def rules(self, place: Callable[[int, int], int]) -> list[NotBefore]:
-        """Returns what each arm waits for so that buffers are used in the order in which they are on a way.
+        """Derive waits that keep a path's order of buffer uses.
 
         Args:
-            place: the step of the other arm on that way when an arm, by its number, comes to one of its steps.
+            place: step of the other arm when an arm, by its index, reaches a step.
         """
         found = []
         for a, own in enumerate(self._uses):
@@ -134,7 +134,7 @@ class MeetingBuffers:
         return found
 
     def _wrong(self, name: str, i: IntArray, j: IntArray) -> BoolArray:
-        """Returns whether a buffer lacks parts or room where both arms are, of the shape of both together."""
+        """Return whether a buffer lacks parts or room at pairs of steps."""
         buffer = self._job.buffers[name]
         there = room = np.full(np.broadcast_shapes(i.shape, j.shape), buffer.initial)
         for own, at, count in zip(self._uses, (i, j), self._steps, strict=True):
@@ -157,23 +157,23 @@ class MeetingGrid:
     Longer where there would be more than `most_cells` pairs.
     """
     most_cells: int = 3_000_000
-    """Pairs of instants at most."""
+    """Maximum number of step pairs."""
     ahead: tuple[float, ...] = (10.0, 40.0)
     """Allowed lead of one arm over the other, tried in this order [s].
 
     It counts along the arms' motions, beyond the difference of their lengths.
     """
     coarse: int = 4
-    """Every so many instants of both are looked at first."""
+    """Stride of the coarse pass [steps]."""
     far: float = 0.4
-    """Between two coarse instants arms that have this to spare are taken to be clear [m]."""
+    """Margin above which arms are assumed clear between coarse steps [m]."""
     soon: int = 60
     """Largest distance of a wait from the place that explains it [steps].
 
     About as long as a transfer.
     """
     rows: int = 200_000
-    """Pairs of instants that are looked at together."""
+    """Number of step pairs per batch."""
 
 
 GRID = MeetingGrid()
@@ -181,28 +181,28 @@ GRID = MeetingGrid()
 
 @dataclass(frozen=True)
 class ArmCoordination:
-    """Two arms' ways, and what they have to heed."""
+    """Coordination problem of two arms."""
 
     model: CellModel
     """The job's cell, its platform held."""
     job: Job
-    """What is to be done, decided."""
+    """Job with fixed arms and order."""
     start: FloatArray
     """All joints while the platform stands where both work [rad], shape (n,)."""
     cell: CellClearance | None
-    """What has to be collision-free; None where nothing has to."""
+    """Collision model; None disables collision checking."""
     clocks: tuple[OwnClock, ...]
-    """The ways of both arms, or of the only one."""
+    """Timelines of both arms, or of the only one."""
     ready: float
-    """When the platform is where both work [s]: before that no line begins."""
+    """Arrival of the platform [s]; no line begins earlier."""
     leave: float
-    """When arms may leave at the earliest [s]."""
+    """Earliest departure of the arms [s]."""
 
     def waits(self, spread: int) -> tuple[list[Wait], ...] | None:
-        """Returns each arm's waits for the quickest way of both together, None where none was found.
+        """Compute each arm's waits for the fastest joint motion; None if infeasible.
 
         Args:
-            spread: by how many steps what is blocked is made larger, for what is between them.
+            spread: growth of the blocked region, for motion between steps [steps].
         """
         if len(self.clocks) == 1:
             (clock,) = self.clocks
@@ -270,12 +270,12 @@ class ArmCoordination:
         rules: Sequence[NotBefore],
         missed: Callable[[int, int], bool],
     ) -> tuple[list[Wait], ...] | None:
-        """Returns each arm's waits to the exact instants at which rules let it go, None where arms wait forever.
+        """Convert steps to exact waits; None if the arms wait for each other forever.
 
         Args:
             steps: both timelines.
-            rules: what is waited for.
-            missed: whether an arm, by its number, waits for a buffer at a rest, by its number.
+            rules: rules of departure.
+            missed: whether an arm waits for a buffer at a rest, by their indices.
         """
         leaving = leaving_times(steps, rules)
         if leaving is None:
@@ -301,7 +301,7 @@ class ArmCoordination:
         return tuple(waits)
 
     def _step(self, durations: Sequence[float], ahead: float) -> float:
-        """Returns the time between instants [s], so that there are not too many pairs."""
+        """Choose a time step that limits the number of pairs [s]."""
         scale, step = self.job.speed, GRID.step / self.job.speed
         while True:
             n, m = (duration / step for duration in durations)
@@ -311,7 +311,7 @@ class ArmCoordination:
             step *= 1.25
 
     def _blocked(self, steps: Sequence[ClockSteps], band: int, spread: int) -> BoolArray:
-        """Returns where the arms touch, and what is right beside that, shape (steps + 1, 2 band + 1)."""
+        """Compute colliding pairs of steps, grown, shape (steps + 1, 2 band + 1)."""
         n, m = (own.count for own in steps)
         shape = (n + 1, 2 * band + 1)
         blocked = np.zeros(shape, dtype=np.bool_)
@@ -367,7 +367,7 @@ class ArmCoordination:
     def _after(
         self, steps: Sequence[ClockSteps]
     ) -> tuple[list[NotBefore], tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]]]:
-        """Returns which rests an arm leaves only once a task of the other one is over, exactly and in steps."""
+        """List departures that require a finished task of the other arm, with steps."""
         rules: list[NotBefore] = []
         needs: list[list[tuple[int, int]]] = [[], []]
         begins = [clock.line_begins() for clock in self.clocks]
@@ -394,7 +394,7 @@ class ArmCoordination:
         return rules, (tuple(needs[0]), tuple(needs[1]))
 
     def _opens(self, steps: Sequence[ClockSteps]) -> list[NotBefore]:
-        """Returns which rests an arm does not leave before an instant: for the platform's turn, and for windows."""
+        """List earliest departures due to platform moves and time windows."""
         found: list[NotBefore] = []
         windows = {task.id: task.not_before for task in self.job.tasks}
         for a, (clock, own) in enumerate(zip(self.clocks, steps, strict=True)):
@@ -417,7 +417,7 @@ class ArmCoordination:
 def _in_steps(
     steps: Sequence[ClockSteps], opens: Sequence[NotBefore], arm: int
 ) -> tuple[tuple[int, int], ...]:
-    """Returns which rests an arm does not leave before an instant, as steps of its way and of time."""
+    """Convert an arm's earliest departures to steps."""
     own = steps[arm]
     return tuple(
         (own.places[rule.rest], int(np.ceil(rule.time / own.step)))
@@ -433,7 +433,7 @@ def _reason(place: int, why: Mapping[int, tuple[float, WaitReason]]) -> WaitReas
 
 
 def _grown(blocked: BoolArray) -> BoolArray:
-    """Returns what is blocked together with all that is one step beside it, of either arm or both."""
+    """Grow blocked pairs by one step of either arm or both."""
     found = blocked.copy()
     # The other arm one step on or back: the next column.
     found[:, 1:] |= blocked[:, :-1]

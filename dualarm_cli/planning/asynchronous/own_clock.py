@@ -1,4 +1,4 @@
-"""One arm's timeline while the platform stands: its motion, rests and departures.
+"""Timeline of one arm with a standing platform: motion, rests and departures.
 
 `OwnClock` is the motion of one arm through its stops and the places at which it can wait. `leaving_times` turns a
 coordination of two arms that was found in whole steps into exact instants.
@@ -23,43 +23,43 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import concatenate, hold
 
 LINES = ("approach", "dwell", "retract")
-"""Segments on which a part may touch what stands still."""
+"""Segments on which a held part may touch stationary bodies."""
 AT_REST = 1e-6
-"""Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
+"""Speed below which a joint counts as standing [rad/s or m/s]."""
 BEFORE_MOVING = ("transfer", "return")
-"""An arm may wait before it leaves."""
+"""Segments before which an arm may wait."""
 
 
 @dataclass(frozen=True)
 class Wait:
-    """A wait that is put into an arm's way."""
+    """Wait inserted into an arm's motion."""
 
     at: float
-    """When, by the arm's own clock [s]."""
+    """Instant by the arm's own clock [s]."""
     length: float
-    """How long [s]."""
+    """Duration of the wait [s]."""
     reason: WaitReason
-    """What for."""
+    """Reason of the wait."""
 
 
 @dataclass(frozen=True)
 class OwnClock:
-    """One arm's way."""
+    """Motion of one arm by its own clock."""
 
     arm: str
-    """Its name."""
+    """Name of the arm."""
     trajectory: Trajectory
-    """Its joints."""
+    """Trajectory of the arm's joints."""
     stages: tuple[Stage, ...]
-    """One for each stop, and one for the return."""
+    """Stages: each stop, and the return."""
     segments: tuple[Segment, ...]
-    """In time order, without gaps."""
+    """Segments in time order, without gaps."""
     events: tuple[Event, ...]
-    """In time order."""
+    """Events in time order."""
 
     @classmethod
     def of(cls, motion: Motion, arm: str, joints: tuple[str, ...]) -> OwnClock:
-        """Takes one arm out of a motion in which it is the only one that does anything."""
+        """Extract the only working arm from a motion."""
         segments = tuple(part for part in motion.segments if part.arm == arm)
         return cls(
             arm,
@@ -71,14 +71,13 @@ class OwnClock:
 
     @property
     def duration(self) -> float:
-        """Its length [s]."""
+        """Duration of the motion [s]."""
         return self.trajectory.duration
 
     def rests(self) -> list[float]:
-        """Returns when it may wait, by its own clock [s], increasing.
+        """Return the increasing instants at which the arm may wait, by its own clock [s].
 
-        That is before it leaves, before a line begins, and where a task begins that takes no time, if it is at rest
-        there.
+        These are departures, starts of lines and starts of tasks without duration, if the arm is at rest there.
         """
         found = list(self.line_begins().values())
         before = BEFORE_MOVING[0]  # with a free start the first line may begin at once
@@ -94,13 +93,13 @@ class OwnClock:
         return rests
 
     def _stands(self, time: float) -> bool:
-        """Returns whether no joint moves at an instant [s]."""
+        """Return whether all joints stand at an instant [s]."""
         return bool(np.abs(self.trajectory.at(np.array([time]))[1]).max(initial=0.0) < AT_REST)
 
     def line_begins(self) -> dict[str, float]:
-        """Returns when each task's first line begins, by its own clock [s]: there the arm can wait.
+        """Return the start of each task's first line, by the own clock [s].
 
-        Of a bare move, with neither lines nor a dwell, when the arm leaves for it: it is over as soon as it is there.
+        A bare move, without lines and dwell, begins at the arm's departure and ends on its arrival.
         """
         found: dict[str, float] = {}
         before = BEFORE_MOVING[0]  # with a free start the first line may begin at once
@@ -119,7 +118,7 @@ class OwnClock:
         return found
 
     def task_ends(self) -> dict[str, float]:
-        """Returns when each task is over, by its own clock [s]."""
+        """Return the end of each task, by the own clock [s]."""
         found = {event.task: event.time + event.dwell for event in self.events}
         for part in self.segments:
             if part.task in found and part.kind not in ("wait", *BEFORE_MOVING):
@@ -127,16 +126,16 @@ class OwnClock:
         return found
 
     def last_line(self) -> float:
-        """Returns when its last line or dwell is over, by its own clock [s]."""
+        """Return the end of the last line or dwell, by the own clock [s]."""
         return max(self.task_ends().values(), default=0.0)
 
     def held(self, time: FloatArray, cell: CellClearance, job: Job) -> IntArray:
-        """Returns what it holds at some instants, as numbers of the cell's test, shape (t,).
+        """Return the held part at instants, as indices of the collision test, shape (t,).
 
         Args:
             time: instants by its own clock [s], shape (t,).
-            cell: the test.
-            job: what is to be done, decided.
+            cell: the collision test.
+            job: job with fixed arms and order.
         """
         tasks, number = {task.id: task for task in job.tasks}, cell.loads.number
         found = np.full(len(time), number(job.held_at_start(self.arm)))
@@ -153,7 +152,7 @@ class OwnClock:
         return found
 
     def _begins(self) -> dict[tuple[str, str], float]:
-        """Returns when each stop's first line begins, or its dwell where it has none [s], by task and action."""
+        """Return the start of each stop's first line or dwell [s], by (task, action)."""
         found = {(event.task, event.action): event.time for event in self.events}
         for part in self.segments:
             key = (part.task, part.action)
@@ -162,13 +161,13 @@ class OwnClock:
         return found
 
     def _lines(self) -> list[tuple[float, float]]:
-        """Returns when it is on lines and in the dwells between them."""
+        """Return the time spans of lines and dwells."""
         spans: list[tuple[float, float]] = [(e.time, e.time + e.dwell) for e in self.events]
         spans += [(p.start, p.end) for p in self.segments if p.kind in LINES]
         return sorted(spans)
 
     def with_waits(self, waits: Sequence[Wait]) -> OwnClock:
-        """Returns the same way with waits in it."""
+        """Insert waits into the motion."""
         waits = sorted((wait for wait in waits if wait.length > SAME_TIME), key=lambda w: w.at)
         if not waits:
             return self
@@ -205,9 +204,9 @@ class OwnClock:
         )
 
     def _goes_on(self, event: Event) -> bool:
-        """Returns whether a dwell or a retract of the same stop begins at an event; else its stop is over then.
+        """Return whether a dwell or retract follows an event; else its stop ends.
 
-        A stop that takes no time, as the arm is already there, comes after what it waits for, and so does its event.
+        A stop without duration, because the arm is already there, follows its wait, and so does its event.
         """
         own = [p for p in self.segments if (p.task, p.action) == (event.task, event.action)]
         return not own or any(
@@ -216,7 +215,7 @@ class OwnClock:
 
 
 def with_holds(trajectory: Trajectory, waits: Sequence[Wait]) -> Trajectory:
-    """Returns a trajectory that stands still at some instants at which it is at rest, for a while."""
+    """Insert holds into a trajectory at instants of rest."""
     parts, start = [], 0.0
     for wait in waits:
         if wait.at > start + SAME_TIME:
@@ -230,7 +229,7 @@ def with_holds(trajectory: Trajectory, waits: Sequence[Wait]) -> Trajectory:
 
 
 def piece(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """Returns what happens between two instants of a trajectory, both knots of it, from time 0."""
+    """Cut a trajectory between two of its knots, starting at time 0."""
     time = trajectory.time
     # At the very ends all knots are kept: a jump of acceleration from and to rest is two of them.
     first = int(np.searchsorted(time, start + SAME_TIME, side="right")) - 1
@@ -383,7 +382,7 @@ def leaving_times(
 
     Args:
         clocks: one or two arms' own clocks.
-        rules: what they wait for, best in the order in which it comes about.
+        rules: rules of departure, preferably in order of time.
 
     Returns:
         Departures by arm, or None if arms wait for each other forever.

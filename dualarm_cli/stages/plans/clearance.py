@@ -1,4 +1,4 @@
-"""Collision test of a sequence's postures and moves, by the quick test."""
+"""Fast collision test of postures and straight moves for the sequence search."""
 
 from __future__ import annotations
 
@@ -11,60 +11,58 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.records import dataclass
 
 SAMPLES = 8
-"""Postures along a move, between its ends."""
+"""Number of samples between the ends of a move."""
 ALIKE, LIKE = 0.15, 0.5
-"""Stages whose joints that matter are all nearer than this to those of a no-good are as that: by their stops alone,
-or by a move [rad]."""
+"""Largest joint distances at which a no-good applies: to stops alone, and to a move [rad]."""
 
 
 @dataclass(frozen=True)
 class NoGood:
-    """A stage that turned out to collide when it was timed, whatever was tried, or at what cost it does."""
+    """No-good: stage that collided when timed, or its cost of clearance."""
 
     stage: int
-    """Its number, or the number of stages for the return."""
+    """Index of the stage; the number of stages for the return."""
     columns: tuple[int, ...]
-    """Joints that matter: of one arm and the platform, or all."""
+    """Columns of the joints compared: one arm and platform, or all."""
     start: FloatArray | None
-    """All joints before it [rad], shape (columns,); None where what comes before does not matter."""
+    """Joints before the stage [rad], shape (columns,); None if irrelevant."""
     arrival: FloatArray
-    """All joints after the transfer [rad], shape (columns,)."""
+    """Joints after the transfer [rad], shape (columns,)."""
     cost: float = np.inf
-    """How much longer it takes than straight moves [s]."""
+    """Extra duration compared with straight moves [s]; infinite if blocked."""
 
 
 @dataclass(frozen=True)
 class SequenceClearance:
-    """The quick test of a cell, asked in the search's terms."""
+    """Fast collision test of a cell for the stages of a sequence."""
 
     cell: CellClearance
-    """Hulls and pairs."""
+    """Collision model: hulls and pairs."""
     platform_columns: tuple[int, ...]
     """Columns of the platform's joints."""
     rest: FloatArray
-    """All joints of the robot by default [rad], shape (columns,)."""
+    """Default joints of the robot [rad], shape (columns,)."""
     turns: bool
-    """Whether the platform's one joint is turned."""
+    """Whether the platform joint is a decision."""
     before: IntArray
-    """What each arm holds before each stage's targets, shape (n, arms)."""
+    """Index of the held part by arm before each stage's targets, shape (n, arms)."""
     after: IntArray
-    """What each arm holds after them, shape (n, arms)."""
+    """Index of the held part by arm after each stage's targets, shape (n, arms)."""
     handing: BoolArray
-    """In which stages a part is handed over: both arms are there at once, and neither waits elsewhere, shape (n,)."""
+    """Flags of hand-over stages, in which both arms meet, shape (n,)."""
     no_goods: tuple[NoGood, ...] = ()
-    """Stages that are not possible although postures and straight moves are."""
+    """Excluded stages whose postures and straight moves pass the fast test."""
     pace: float = 1.0
-    """How much slower than at full speed everything moves."""
+    """Slowdown factor compared with full speed."""
     settled: frozenset[int] = frozenset()
-    """Stages whose stops stay as they are, for an exact test to decide: the quick one has found nothing that is
-    collision-free by as much as it asks for."""
+    """Stages with fixed stops that only the exact test decides: the fast test cleared no candidate."""
 
     def positions(self, angle: FloatArray, joints: Sequence[FloatArray | None]) -> FloatArray:
-        """Returns all joints of the robot [rad], shape (n, columns).
+        """Assemble all joints of the robot [rad], shape (n, columns).
 
         Args:
             angle: platform angles [rad], shape (n,).
-            joints: of each arm [rad], shape (n, 7), or None for where it rests.
+            joints: joints of each arm [rad], shape (n, 7), or None for its default.
         """
         position = np.tile(self.rest, (len(angle), 1))
         if self.turns:
@@ -76,31 +74,31 @@ class SequenceClearance:
 
     @property
     def at_targets(self) -> IntArray:
-        """What each arm holds at each stage's targets, shape (n, arms)."""
+        """Index of the held part by arm at each stage's targets, shape (n, arms)."""
         loads = self.cell.loads
         return loads.at_stops(loads.fuller(self.before, self.after), self.handing)
 
     @property
     def coming(self) -> IntArray:
-        """What each arm holds on each stage's approaches, shape (n, arms)."""
+        """Index of the held part by arm on each stage's approaches, shape (n, arms)."""
         return self.cell.loads.at_stops(self.before, self.handing)
 
     @property
     def leaving(self) -> IntArray:
-        """What each arm holds on each stage's retracts, shape (n, arms)."""
+        """Index of the held part by arm on each stage's retracts, shape (n, arms)."""
         return self.cell.loads.at_stops(self.after, self.handing)
 
     def arm_free(
         self, a: int, angle: FloatArray, q: FloatArray, held: int, spare: float = SLACK
     ) -> BoolArray:
-        """Returns where one arm is clear of itself and of all that is not the other arm, shape (n,).
+        """Return whether one arm is clear of itself and its surroundings, shape (n,).
 
         Args:
-            a: which arm.
+            a: index of the arm.
             angle: platform angles [rad], shape (n,).
-            q: its joints [rad], shape (n, 7).
-            held: what it holds.
-            spare: margin beyond the clearance that is asked for [m].
+            q: joints of the arm [rad], shape (n, 7).
+            held: index of the held part.
+            spare: margin beyond the required clearance [m].
         """
         joints: list[FloatArray | None] = [None] * len(self.cell.arms)
         joints[a] = q
@@ -108,7 +106,7 @@ class SequenceClearance:
         return np.asarray(self.cell.own_margins(a, position, np.full(len(q), held)) >= spare)
 
     def along(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Returns SAMPLES postures on every straight move, shape (n SAMPLES, columns) [rad].
+        """Interpolate SAMPLES configurations on every straight move [rad], shape (n SAMPLES, columns).
 
         Args:
             start: all joints [rad], shape (n, columns).
@@ -119,12 +117,12 @@ class SequenceClearance:
         return way.reshape(-1, start.shape[1])
 
     def no_good_costs(self, stage: int, start: FloatArray, arrival: FloatArray) -> FloatArray:
-        """Returns what moves into a stage like no-goods cost [s], shape (n,).
+        """Return the no-good costs of moves into a stage [s], shape (n,).
 
         Args:
             stage: its number, or the number of stages for the return.
-            start: all joints before them [rad], shape (n, columns).
-            arrival: all joints after them [rad], shape (n, columns).
+            start: joints before the moves [rad], shape (n, columns).
+            arrival: joints after the moves [rad], shape (n, columns).
         """
         found = np.zeros(len(start))
         for no_good in self.no_goods:

@@ -1,4 +1,4 @@
-"""The best combination of several plans, stage by stage: dynamic programming over what each of them does."""
+"""Best stage-by-stage combination of several plans, by dynamic programming."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from dualarm_cli.timing.stage_length import stage_length
 
 @dataclass(frozen=True)
 class Pool:
-    """Several plans in joints and seconds, stage by stage."""
+    """Several plans with joints and times, stage by stage."""
 
     problem: SequenceProblem
     plans: list[Decisions]
-    """What they decide, m of them."""
+    """Decisions of the m plans."""
     angle: FloatArray
     """Platform angles [rad], shape (n, m)."""
     arms: list[CandidatePostures]
@@ -46,14 +46,14 @@ class Pool:
         best: Evaluated,
         others: list[Decisions],
     ) -> Pool:
-        """Returns a plan, the first, and others."""
+        """Build a pool of plans, the best one first."""
         plans = [best.decisions, *others]
         angle = np.stack([plan.angle for plan in plans], axis=1)
         arms = [candidates_of(problem, plans, angle, a) for a in range(len(problem.arms))]
         return cls(problem, plans, angle, arms)
 
     def plan(self, picked: IntArray) -> Evaluated:
-        """Returns the plan that takes each stage from the plan of a number, shape (n,)."""
+        """Assemble a plan from the plan chosen for each stage, shape (n,)."""
         decisions = self.plans[int(picked[0])]
         for m in distinct(picked):
             decisions = decisions.put(np.nonzero(picked == m)[0], self.plans[m])
@@ -73,15 +73,14 @@ def best_combination(
     best: Evaluated,
     others: list[Decisions],
 ) -> Evaluated:
-    """Returns the fastest plan that takes each stage from one of several plans; never slower than `best`.
+    """Combine plans stage by stage into the fastest; never slower than `best`.
 
-    Exact over all combinations, but for what is not between neighbouring stages: an arm that was idle before a
-    stage, or before the return, comes from where `best` has it. So the result is judged as a whole, and taken only if
-    faster and if its lines hold.
+    Exact for costs between neighbouring stages. An arm that was idle before a stage, or before the return, is assumed
+    where `best` has it; the result is therefore evaluated as a whole and used only if it is faster and its lines hold.
 
     Args:
         problem: the sequence.
-        best: a possible plan.
+        best: a feasible plan.
         others: plans to combine it with.
     """
     if not others:
@@ -96,13 +95,13 @@ def combined(
     best: Evaluated,
     judged: Callable[[Evaluated], Evaluated] = lambda plan: plan,
 ) -> Evaluated:
-    """Returns the fastest plan out of a pool's, as `best_combination` does.
+    """Combine a pool's plans into the fastest, see `best_combination`.
 
     Args:
         problem: the sequence.
         pool: plans, `best` first.
         best: a possible plan.
-        judged: makes stages impossible that turn out to be.
+        judged: check of the result that makes infeasible stages infinite.
     """
     cost = stage_costs(problem, best, pool.arms, pool.angle)
     closing = closing_costs(problem, best, pool.arms, pool.angle)
@@ -134,7 +133,7 @@ def combined(
 
 
 def _length(cost: FloatArray, closing: FloatArray, picked: IntArray) -> float:
-    """Returns the length of a path through the costs [s]."""
+    """Sum the costs of a path [s]."""
     n = len(picked)
     before = np.concatenate([[0], picked[:-1]])
     total = cost[np.arange(n), before, picked].sum() + closing[picked[-1], picked[0]]
@@ -148,16 +147,16 @@ def _raise_blocked(
     clear: PlanClearance,
     raised: set[tuple[int, int, int]],
 ) -> bool:
-    """Makes costlier what collides along a path, and returns whether there was anything new.
+    """Raise the costs of collisions along a path; return whether any cost changed.
 
-    Choices at stops and pairs of choices on moves become impossible, those where the arms meet cost what they wait.
+    Colliding stops and moves become infinite; moves that need a delay cost that delay.
 
     Args:
-        cost: of every stage, by the choices before and in it, shape (n, m, m).
-        closing: of the return, shape (m, m).
-        picked: the path, shape (n,).
-        clear: what is collision-free along it.
-        raised: stage and choices that have been dealt with.
+        cost: stage costs by the choices before and in it, shape (n, m, m).
+        closing: return costs, shape (m, m).
+        picked: path as one choice per stage, shape (n,).
+        clear: collision check of the path.
+        raised: (stage, choices) whose costs were raised already, added to.
     """
     n, before = len(picked), np.concatenate([[0], picked[:-1]])
     news = False
@@ -182,7 +181,7 @@ def candidates_of(
     angle: FloatArray,
     a: int,
 ) -> CandidatePostures:
-    """Returns one arm's postures for every stage and plan, arrays of shape (n, m, ...)."""
+    """Compute one arm's postures for every stage and plan, arrays (n, m, ...)."""
     n, m = angle.shape
     stage = np.repeat(np.arange(n), m)
     candidates = ArmDecisions(
@@ -267,13 +266,13 @@ def closing_costs(
 
 
 def _shortest(cost: FloatArray, closing: FloatArray) -> IntArray:
-    """Returns the choice at every stage along the shortest path, shape (n,).
+    """Return the choice at every stage along the shortest path, shape (n,).
 
-    Where the return depends on the first stage, every choice of that has a dynamic programme of its own.
+    If the return depends on the first stage, each choice there is solved separately.
 
     Args:
-        cost: of every stage, by the choices before and in it, shape (n, m, m).
-        closing: of the return, by the choices in the last and the first stage, shape (m, m).
+        cost: stage costs by the choices before and in it, shape (n, m, m).
+        closing: return costs, by the choices in the last and the first stage, shape (m, m).
     """
     n, m = cost.shape[:2]
     total = cost[0, :1]

@@ -1,4 +1,4 @@
-"""Stages of whose nodes the arms share no platform angle: they get angles and nodes of their own."""
+"""Exact platform angles for stages without a common angle on the grid."""
 
 from __future__ import annotations
 
@@ -28,11 +28,10 @@ Interval = tuple[float, float]
 
 
 def shared_intervals(problem: SequenceProblem, stage: int, around: Interval) -> list[Interval]:
-    """Returns the platform angles from which all arms reach their stops of a stage with all joints within limits.
+    """Find the platform angles from which all arms reach their stops of a stage.
 
-    Exact over the arm angle, and over the reach; where limits decide, every interval that is wider than the step of the
-    scan is
-    found, and its ends are exact. So is what two arms share, however narrow that is.
+    Exact over arm angle and reach. If limits decide, every interval wider than the scan step is found, with exact ends;
+    so are the intervals that two arms share, however narrow.
 
     Args:
         problem: the sequence; its platform turns.
@@ -53,7 +52,7 @@ def shared_intervals(problem: SequenceProblem, stage: int, around: Interval) -> 
 
 
 def spread(intervals: Sequence[Interval], count: int) -> FloatArray:
-    """Returns so many angles within intervals, or fewer, ascending [rad], shape (c,): evenly, but some of each."""
+    """Spread a number of angles over intervals, ascending [rad], shape (c,)."""
     if not intervals:
         return np.zeros(0)
     widest = sorted(intervals, key=lambda one: one[0] - one[1])[:count]
@@ -74,14 +73,14 @@ def spread(intervals: Sequence[Interval], count: int) -> FloatArray:
 def exact_nodes(
     problem: SequenceProblem, a: int, stage: int, angles: FloatArray, most: int
 ) -> Nodes:
-    """Returns nodes of one arm at one stop, with arm angles in the intervals within limits and lines timed as plans'.
+    """Compute exact nodes of one arm at one stop within its arm-angle intervals.
 
     Args:
         problem: the sequence.
         a: index of the arm.
         stage: its number.
         angles: platform angles [rad], shape (f,).
-        most: most nodes.
+        most: maximum number of nodes.
     """
     work = problem.arms[a]
     stop = work.stops[stage]
@@ -142,7 +141,7 @@ def _poses(
     angles: FloatArray,
     yaw: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns flange poses at target, approach and retract, (m, 1, 3, 3) and (m, 3, 3), of rows (m,)."""
+    """Compute flange poses at target, approach and retract, (m, 1, 3, 3) and (m, 3, 3)."""
     table = problem.arms[a].stop_table
     work = problem.arms[a]
     row = np.full(len(angles), table.first[stage])
@@ -158,13 +157,13 @@ def _intervals_of_arm_angles(
     angles: FloatArray,
     yaw: FloatArray,
 ) -> ArmAngleIntervals:
-    """Returns arm angles within limits at target, approach and retract, arrays (m, 3, 8, k), of rows (m,)."""
+    """Compute feasible arm angles at target, approach and retract, arrays (m, 3, 8, k)."""
     R, points = _poses(problem, a, stage, angles, yaw)
     return problem.arms[a].closed_form.feasible_arm_angles(R, points)
 
 
 def _intervals(problem: SequenceProblem, a: int, stage: int, around: Interval) -> list[Interval]:
-    """Returns the platform angles from which one arm reaches its stop [rad]."""
+    """Find the platform angles from which one arm reaches its stop [rad]."""
     stop = problem.arms[a].stops[stage]
     if stop is None or stop.configurations is not None:
         # Given configurations turn with the platform: what holds at one angle holds at all.
@@ -204,7 +203,7 @@ def _arcs(
     yaws: FloatArray,
     around: Interval,
 ) -> list[FloatArray]:
-    """Returns platform angles along the arcs from which all points of a stop are within an arm's reach [rad]."""
+    """Sample platform angles at which a stop's points are within reach [rad]."""
     R, points = _poses(problem, a, stage, np.zeros(len(yaws)), yaws)
     arm = problem.arms[a].closed_form
     found, count = [], problem.settings.angles_in_reach
@@ -224,7 +223,7 @@ def _arcs(
 def _runs(
     angles: FloatArray, feasible: Callable[[FloatArray], BoolArray], rounds: int
 ) -> list[Interval]:
-    """Returns the intervals in which something is feasible, from where it is among ascending angles (n,)."""
+    """Refine the intervals of feasibility among ascending angles (n,)."""
     ok = feasible(angles)
     if not ok.any():
         return []
@@ -248,7 +247,7 @@ def _runs(
 
 
 def _nearest(psi: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Returns the arm angles within intervals (n, k) that are nearest to some (n,) [rad]; NaN where there are none."""
+    """Move angles (n,) into the nearest of their intervals (n, k) [rad]; NaN without one."""
     width = end - start
     inset = 0.05 * width
     along = np.mod(psi[:, None] - start, TURN)
@@ -264,7 +263,7 @@ def _nearest(psi: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def stages_without_angle(arms: Sequence[ArmLayers], angles: int) -> list[int]:
-    """Returns the stages with no platform angle at which all arms that work in them have nodes left.
+    """Return the stages without a platform angle that all working arms share.
 
     Args:
         arms: layers of each arm.
@@ -284,7 +283,7 @@ def stages_without_angle(arms: Sequence[ArmLayers], angles: int) -> list[int]:
 
 @dataclass(frozen=True)
 class ExactStages:
-    """Exact nodes of single stages, each worked out once."""
+    """Cache of exact nodes of single stages."""
 
     problem: SequenceProblem
     """The sequence; what has to be collision-free in it does not matter."""
@@ -294,19 +293,19 @@ class ExactStages:
     )
 
     def nodes(self, k: int, count: int, most: int) -> tuple[FloatArray, list[Nodes | None]]:
-        """Returns platform angles at which all arms reach their stops of a stage, and each arm's nodes there.
+        """Return shared platform angles of a stage, and each arm's nodes there.
 
         Args:
             k: number of the stage, in which the arms share platform angles.
-            count: so many angles at most [rad].
-            most: most nodes of one stop.
+            count: maximum number of angles.
+            most: maximum number of nodes of one stop.
         """
         if (k, count, most) not in self._known:
             self._known[k, count, most] = self._nodes(k, count, most)
         return self._known[k, count, most]
 
     def shared(self, k: int) -> list[Interval]:
-        """Returns the platform angles at which all arms reach their stops of a stage [rad]; see `shared_intervals`."""
+        """Return the shared platform angles of a stage [rad], see `shared_intervals`."""
         if k not in self._shared:
             start = float(self.problem.platform_start[0])
             around = self.problem.platform.around(start, *self.problem.platform_range)
@@ -330,16 +329,15 @@ class ExactStages:
         most: int,
         spares: Sequence[float] = (SLACK, 0.0),
     ) -> tuple[ArmLayers, ...] | None:
-        """Move stages to platform angles of their own; return the arms' layers, or None where a stage has none.
+        """Move stages to exact platform angles; None if a stage has none.
 
         Args:
             problem: the sequence.
             arms: layers of each arm.
             angles: the platform angles of all stages [rad], shape (n, f); rows of those stages are replaced.
             stages: their numbers.
-            most: most nodes of one stop.
-            spares: margins beyond the clearance that is asked for [m]: each is tried where the one before leaves no
-                angle.
+            most: maximum number of nodes of one stop.
+            spares: margins beyond the required clearance [m]; each is tried if the previous one leaves no angle.
         """
         # Whether there are angles at all is known long before the nodes at them.
         if problem.turns and not all(self.shared(k) for k in stages):
@@ -360,7 +358,7 @@ class ExactStages:
 
 
 def taking_turns(nodes: Nodes, partner: Nodes | None) -> Nodes:
-    """Returns nodes whose work counts the other arm's in a hand-over, which comes before or after: this at least.
+    """Add the other arm's least work to a hand-over's nodes.
 
     Args:
         nodes: of one arm.
@@ -379,7 +377,7 @@ def free_nodes(
     nodes: Nodes,
     spare: float = SLACK,
 ) -> Nodes:
-    """Returns the nodes at which the arm is clear of itself and of what stands still.
+    """Select the nodes at which an arm is clear of itself and its surroundings.
 
     Args:
         problem: the sequence.
@@ -411,7 +409,7 @@ def _own_nodes(
     most: int,
     spares: Sequence[float],
 ) -> tuple[FloatArray, list[Nodes | None]] | None:
-    """Returns platform angles (count,) [rad] at which all arms make their stops of a stage, and the nodes there."""
+    """Choose shared platform angles (count,) [rad] of a stage and the nodes there."""
     angles, every = exact.nodes(k, max(problem.settings.own_angles, count), most)
     for spare in spares:
         nodes = [
@@ -439,7 +437,7 @@ def _own_nodes(
 
 
 def _renumbered(nodes: Nodes, number: IntArray) -> Nodes:
-    """Returns the nodes at the platform angles that have a new number, with that."""
+    """Select the nodes at renumbered platform angles."""
     kept = nodes.take(np.flatnonzero(number[nodes.angle_index] >= 0))
     return replace(kept, angle_index=number[kept.angle_index])
 
@@ -451,7 +449,7 @@ def _apart(
     nodes: Sequence[Nodes | None],
     shared: IntArray,
 ) -> BoolArray:
-    """Returns the platform angles, among shared ones, at which some nodes of two arms are clear of each other (f,)."""
+    """Flag the shared platform angles with a collision-free pair of nodes (f,)."""
     free = np.zeros(len(angles), dtype=np.bool_)
     test = problem.clearance
     if test is None:

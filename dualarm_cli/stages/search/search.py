@@ -1,4 +1,4 @@
-"""The fastest plan of a whole sequence: nodes, potentials, beam, polish."""
+"""Search for the fastest plan of a sequence: nodes, potentials, beam, polishing."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from dualarm_cli.stages.search.variables import Variables
 
 @dataclass(frozen=True)
 class SequenceResult:
-    """What the search found."""
+    """Result of the sequence search."""
 
     best: Evaluated
-    """The plan."""
+    """The fastest plan."""
     grid_bound: float | None
-    """No plan on the grid's nodes is faster, with the nodes' own line times [s]; None without a plan there."""
+    """Lower bound of all plans on the grid's nodes [s]; None without a grid."""
     grid_total: float | None
-    """The best plan found on the nodes, before polishing [s]."""
+    """Duration of the best plan on the nodes, before polishing [s]."""
     is_infeasible: bool = False
-    """Whether something has to touch at a stop, on all nodes: the plan only shows what."""
+    """Whether every node of some stop collides; the plan shows where."""
     with_margin: tuple[Decisions, ...] = ()
-    """The plan with room to come to rest beyond lines, if there is one: it may be clear where the best one is not."""
+    """Plan with margin to the position limits, if any; it may be clear if the best one is not."""
 
 
 def search(
@@ -48,22 +48,20 @@ def search(
     seed: int,
     further: Callable[[bool], Sequence[Decisions]] = lambda _: (),
 ) -> SequenceResult | None:
-    """Returns the fastest plan found, None if there is none at all.
+    """Search for the fastest plan; None if no plan is found.
 
-    The nodes of all stops on several grids; backward dynamic programming per arm with the other one relaxed; a beam
-    guided by it. The beams' plans and the given ones are polished a little and combined stage by stage; so are those of
-    finer grids around the best plan so far, where the effort has them. The last combination is polished thoroughly, and
-    at last as lines' ends are passed in motion, where they may be. Without that the result is never slower, in
-    closed-form times, than any of the starts. A short sequence whose lines' ends are passed is also searched, on one
-    grid, with room to come to rest beyond them; of both plans, with the ways that go best with each, the shorter one is
-    polished once more.
+    Nodes of all stops are computed on several grids. Backward dynamic programming per arm, with the other arm relaxed,
+    guides a beam search. Its plans and the given ones are polished briefly and combined stage by stage, as are plans on
+    finer grids around the best plan. The last combination is polished thoroughly, finally with line ends in motion.
+    With stops, the result is never slower than any start. A short blended sequence is also searched with margin to the
+    position limits; the shorter plan, with its best launches, is polished once more.
 
     Args:
         problem: the sequence.
         starts: plans of simpler methods.
         effort: one of EFFORTS.
-        seed: of the random steps of polishing.
-        further: gives plans of simpler methods that take their time, told whether there is a plan on the grids.
+        seed: seed of the random polishing steps.
+        further: computes slow plans of simpler methods; its argument is whether the grids have a plan.
     """
     how = search_effort(problem, effort)
     others: list[Decisions] = []
@@ -83,7 +81,7 @@ def _searched(
     further: Callable[[bool], Sequence[Decisions]] = lambda _: (),
     others: Sequence[Decisions] = (),
 ) -> SequenceResult | None:
-    """Search with one set of limits of position, see `search`; `others` are plans that were polished in motion."""
+    """Search with one set of position limits, see `search`; `others` are blended plans."""
     asked, problem = problem, replace(problem, launches=None)
     exact, polishing = ExactStages(problem), Polishing(problem, seed)
     made = map_halves(
@@ -119,7 +117,7 @@ def _searched(
 def _apart(
     problem: SequenceProblem, best: Evaluated, plans: Sequence[Evaluated]
 ) -> list[Evaluated]:
-    """Returns the plans, best first, whose platform angles or kinds are others than those of `best` and each other."""
+    """Select the plans, best first, that differ in platform angles or kind."""
     found = [best]
     for plan in sorted(plans, key=lambda plan: _worth(problem, plan)):
         angle, kind = plan.decisions.angle, plan.decisions.kind
@@ -138,14 +136,13 @@ def polished_thoroughly(
     how: SearchEffort,
     rivals: tuple[Sequence[Evaluated], Sequence[Evaluated]] = ((), ()),
 ) -> Evaluated:
-    """Returns a plan polished thoroughly: from rest to rest, and then as its lines' ends are passed, if they may be.
+    """Polish a plan thoroughly, first at rest, then with line ends in motion.
 
     Args:
-        polishing: of the sequence.
-        best: a plan, in times from rest to rest.
-        how: how hard is searched.
-        rivals: plans that may be as short when lines' ends are passed, those to be polished for that and those that
-            were; what is best of all of them is taken.
+        polishing: local optimisation of the sequence.
+        best: a plan, timed at rest.
+        how: effort of the search.
+        rivals: plans that may win with line ends in motion: those to polish, and those polished already.
     """
     problem, at_rest = polishing.problem, polishing.at_rest
     best = at_rest.polished(best, how.rounds, how.random_steps)
@@ -167,7 +164,7 @@ def polished_thoroughly(
 def with_best_launches(
     problem: SequenceProblem, plan: Evaluated
 ) -> tuple[SequenceProblem, Evaluated]:
-    """Returns a sequence with the ways of passing lines' ends that are best for a plan, and the plan with them."""
+    """Evaluate a plan with the launches that suit it best."""
     moving = replace(problem, launches=best_launches(problem, plan))
     return moving, evaluate(moving, plan.decisions)
 
@@ -175,7 +172,7 @@ def with_best_launches(
 def polished_in_motion(
     polishing: Polishing, how: SearchEffort, cycles: range, plans: Sequence[Evaluated]
 ) -> list[Evaluated]:
-    """Polish plans as their lines' ends are passed; return them in times from rest to rest."""
+    """Polish plans with line ends in motion; return them timed at rest."""
     problem, found = polishing.problem, list[Evaluated]()
     for plan in plans:
         best = plan
@@ -193,10 +190,10 @@ def polished_in_motion(
 def search_in_parts(
     problem: SequenceProblem, starts: Sequence[Decisions], effort: str, seed: int
 ) -> SequenceResult | None:
-    """Returns a fast plan of a long sequence, decided part by part; None if a part has none.
+    """Search a long sequence part by part; None if a part has no plan.
 
-    Stages far apart hardly depend on each other: parts are decided side by side, take memory one by one, and each with
-    room to pass lines' ends in motion where it has a plan with that. Where two meet, what is best of both is polished.
+    Distant stages hardly interact: parts are planned independently, each with margin for line ends in motion if such a
+    plan exists. The stages around their junctions are then polished together.
 
     Args:
         problem: the sequence, at least `settings.in_parts` stages, without a return.
@@ -240,7 +237,7 @@ def search_in_parts(
 
 
 def _with_room(part: SequenceProblem) -> Iterator[SequenceProblem]:
-    """Yield a part of a sequence with its arms' limits of position narrowed, if that is asked for, and as it is."""
+    """Yield a problem with narrowed position limits, if given, then without."""
     if part.with_margin:
         arms = zip(part.with_margin, part.arms, strict=True)
         narrow = (replace(one, stops=own.stops, start=own.start) for one, own in arms)
@@ -257,23 +254,21 @@ def search_near(
     *,
     local: bool,
 ) -> Evaluated | None:
-    """Returns a fast plan about one that is fast but collides, None where no collision-free one is found.
+    """Search for a collision-free plan near a fast colliding one; None if none is found.
 
-    One grid around the plan; what the beam finds there is polished, combined with the plan stage by stage, and polished
-    again. In long sequences, and where that is asked for, only the stages that collide and
-    those beside them are looked at, each stretch of them by itself; all others stay as they are. So does a stage for
-    which no nodes are found, or none that go together: it may be collision-free by less than the search asks for, which
-    an exact test then decides. A stretch without a plan is tried again with more stages about it on the first of the
-    grids over the whole range. In sequences of `settings.in_parts` stages or more, where the effort spares time, it
-    then gets a plan that touches in the fewest stages.
+    Plans on one grid around the given plan are polished, combined with it stage by stage, and polished again. In long
+    sequences, or if `local`, only colliding stages and their neighbours are re-planned, stretch by stretch. A stage
+    without matching nodes keeps its stops: its clearance may be below the search's margin, and the exact test decides.
+    A stretch without a plan is tried again with more neighbours on the first grid over the whole range. In sequences of
+    `settings.in_parts` stages or more, at low effort, it then gets a plan with the fewest collisions.
 
     Args:
         problem: the sequence, with clearance.
-        near: the plan.
-        colliding_stages: numbers of stages, and of stages in all for the return, that are known to collide.
+        near: the colliding plan.
+        colliding_stages: indices of colliding stages; the number of stages for the return.
         effort: one of EFFORTS.
-        seed: of the random steps of polishing.
-        local: whether all else stays as it is.
+        seed: seed of the random polishing steps.
+        local: whether all other stages keep their decisions.
     """
     how, plan = search_effort(problem, effort), evaluate(problem, near)
     loose = _loose(problem, plan, colliding_stages)
@@ -327,14 +322,14 @@ def _near(
     effort: tuple[SearchEffort, Mesh],
     seed: int,
 ) -> Decisions | None:
-    """Returns what is decided in the stages of a stretch, None where no collision-free plan of them is found.
+    """Re-plan the stages of a stretch; None if no collision-free plan is found.
 
     Args:
-        stretch: which stages.
+        stretch: the stages to re-plan.
         given: the plan of the whole sequence.
-        colliding_stages: numbers of the whole sequence's stages that are known to collide.
-        effort: how hard is searched, and on which grid.
-        seed: of the random steps of polishing.
+        colliding_stages: indices of colliding stages in the whole sequence.
+        effort: effort of the search and its grid.
+        seed: seed of the random polishing steps.
     """
     asked, loose = stretch.problem, np.array(stretch.loose)
     problem = replace(asked, launches=None)
@@ -367,7 +362,7 @@ def _near(
 
 
 def _never_clear(problem: SequenceProblem, plans: Sequence[Evaluated]) -> list[int]:
-    """Returns the stages at whose stops something lacks clearance in all of some plans."""
+    """Return the stages whose stops lack clearance in all given plans."""
     if not plans:
         return []
     clear = np.logical_or.reduce([plan_clearance(problem, plan).stops for plan in plans])
@@ -375,14 +370,14 @@ def _never_clear(problem: SequenceProblem, plans: Sequence[Evaluated]) -> list[i
 
 
 def _settled(problem: SequenceProblem, stages: Sequence[int]) -> SequenceProblem:
-    """Returns a sequence in which further stages are taken to be collision-free at their stops as they are."""
+    """Mark further stages as fixed, to be decided by the exact test."""
     test = problem.clearance
     assert test is not None  # callers ask where something has to be collision-free
     return replace(problem, clearance=replace(test, settled=test.settled.union(stages)))
 
 
 def search_effort(problem: SequenceProblem, effort: str) -> SearchEffort:
-    """Select how hard to search a sequence, by its length and the kinds of its arms."""
+    """Select the search effort of a sequence by its length and arms."""
     how = EFFORTS[effort].search
     if problem.has_arm_angles:
         return how.for_stages(problem.stages)
@@ -392,7 +387,7 @@ def search_effort(problem: SequenceProblem, effort: str) -> SearchEffort:
 
 
 def _loose(problem: SequenceProblem, plan: Evaluated, colliding_stages: Sequence[int]) -> BoolArray:
-    """Returns the stages to decide anew for a plan to avoid collisions, shape (n,), with those before moves.
+    """Return the stages to re-plan for clearance, shape (n,), including those before moves.
 
     Args:
         problem: the sequence, with clearance.
@@ -407,7 +402,7 @@ def _loose(problem: SequenceProblem, plan: Evaluated, colliding_stages: Sequence
 
 
 def _beside(stages: BoolArray, count: int) -> BoolArray:
-    """Returns stages with so many to either side of each, shape (n,)."""
+    """Extend flagged stages by neighbours on both sides, shape (n,)."""
     found, n = stages.copy(), len(stages)
     for k in range(1, min(count, n - 1) + 1):
         found[k:] |= stages[:-k]
@@ -418,7 +413,7 @@ def _beside(stages: BoolArray, count: int) -> BoolArray:
 def combination(
     polishing: Polishing, pool: list[Evaluated], how: SearchEffort
 ) -> tuple[Evaluated, list[Evaluated]]:
-    """Returns the best combination of several plans after a little polishing, never slower than any of them, and those.
+    """Polish plans briefly and combine them; also return the polished plans.
 
     One plan by itself is left as it is where there is no grid around it: it is polished anyway.
     """
@@ -445,7 +440,7 @@ def _worth(problem: SequenceProblem, plan: Evaluated) -> float:
 
 
 def best_of_each_kind(problem: SequenceProblem, pool: list[Evaluated]) -> list[Evaluated]:
-    """Returns the best plan of every kind: those with the same branches, targets and yaws are polished into one."""
+    """Return the best plan of each kind: same branches, targets and yaws."""
     best: dict[bytes, Evaluated] = {}
     for plan in sorted(pool, key=lambda plan: _worth(problem, plan)):
         best.setdefault(plan.decisions.kind, plan)

@@ -1,4 +1,4 @@
-"""Stretches of a sequence that are decided by themselves, and long sequences put together from such."""
+"""Stretches of a sequence that are planned independently, and their assembly."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from dualarm_cli.stages.search.corridor import best_combination
 
 @dataclass(frozen=True)
 class Stretch:
-    """Stages one after the other, with those behind them that depend on them."""
+    """Consecutive stages with the stages that depend on them."""
 
     problem: SequenceProblem
-    """They alone, without the return: it begins where the plan is before them."""
+    """Problem of these stages alone, without the return, starting from the plan."""
     stages: IntArray
-    """Their numbers in the whole sequence."""
+    """Indices in the whole sequence."""
     loose: BoolArray
-    """Which of them are decided; the others are as the plan has them."""
+    """Flags of stages to re-plan; the others keep their decisions."""
 
     def put(self, decisions: Decisions, part: Decisions) -> Decisions:
-        """Returns a whole sequence's decisions with those of a part of it; what is not loose stays to the last bit."""
+        """Insert a stretch's decisions into the whole sequence; fixed stages stay exact."""
         rows = np.flatnonzero(self.loose)
         return decisions.put_all(self.stages[rows], part.take(rows))
 
 
 def loose_stretches(problem: SequenceProblem, plan: Evaluated, loose: BoolArray) -> list[Stretch]:
-    """Returns the stretches in which all loose stages are, each of which is decided whatever the others are.
+    """Split loose stages into independent stretches.
 
-    A stage depends on where platform and arms come from, and so does the next stage of each arm on it; arms that have
-    none stand in each other's way to the end. Where a stage counts for the return, the whole sequence is one stretch.
+    A stage depends on the previous positions of platform and arms, and the next stage of each arm depends on it. An arm
+    without a next stage obstructs the other to the end. If a stage affects the return, all stages form one stretch.
 
     Args:
         problem: the sequence.
         plan: its plan.
-        loose: the stages that are decided, shape (n,).
+        loose: flags of stages to re-plan, shape (n,).
     """
     n = problem.stages
     chains = [TransferChain.of(work) for work in problem.arms]
@@ -62,7 +62,7 @@ def loose_stretches(problem: SequenceProblem, plan: Evaluated, loose: BoolArray)
 
 
 def _next(problem: SequenceProblem, chain: TransferChain, k: int) -> int:
-    """Returns the last stage up to which an arm is where it is after a stage."""
+    """Return the last stage that depends on an arm's position after stage k."""
     later = chain.active[chain.active > k]
     if len(later):
         return int(later[0])
@@ -71,7 +71,7 @@ def _next(problem: SequenceProblem, chain: TransferChain, k: int) -> int:
 
 
 def _closing(problem: SequenceProblem, chains: list[TransferChain]) -> list[int]:
-    """Returns the stages that count for the return: where platform and arms leave from, and where a free start is."""
+    """Return the stages that determine the return."""
     last = [problem.stages - 1, *(int(one.active[-1]) for one in chains if len(one.active))]
     return [*last, 0] if problem.free_start else last
 
@@ -79,7 +79,7 @@ def _closing(problem: SequenceProblem, chains: list[TransferChain]) -> list[int]
 def stretch_of(
     problem: SequenceProblem, first: int, past: int, plan: Evaluated | None = None
 ) -> SequenceProblem:
-    """Returns the stages from the first one to before the one past them, as a sequence without a return.
+    """Extract stages `first` to before `past` as a sequence without a return.
 
     Args:
         problem: the whole sequence.
@@ -115,7 +115,7 @@ def stretch_of(
 
 
 def _joints_before(problem: SequenceProblem, plan: Evaluated, a: int, first: int) -> FloatArray:
-    """Returns an arm's joints before a stage [rad]."""
+    """Return an arm's joints before a stage [rad]."""
     work, chain = problem.arms[a], TransferChain.of(problem.arms[a])
     if first == 0:
         return work.start
@@ -126,7 +126,7 @@ def _joints_before(problem: SequenceProblem, plan: Evaluated, a: int, first: int
 
 
 def _test_of(test: SequenceClearance, first: int, past: int) -> SequenceClearance:
-    """Returns the quick test of the stages from the first one to before the one past them."""
+    """Restrict the fast test to stages `first` to before `past`."""
     here = slice(first, past)
     no_goods = [no_good for no_good in test.no_goods if first <= no_good.stage < past]
     return replace(
@@ -144,7 +144,7 @@ def in_parts(
     decided: Callable[[int, int], Decisions | None],
     starts: Sequence[Decisions] = (),
 ) -> tuple[Evaluated, BoolArray] | None:
-    """Returns a long sequence's plan out of parts that overlap, and the stages about where they meet, shape (n,).
+    """Plan a long sequence in overlapping parts; also flag the stages to polish, shape (n,).
 
     None where a part has none. Where two parts meet, the better of both is taken, stage by stage.
 
