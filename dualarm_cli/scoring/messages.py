@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-
-from rich.markup import escape
-from rich.table import Column, Table
+from typing import TYPE_CHECKING
 
 from dualarm_cli.model.verification import exceptions
 from dualarm_cli.report.printable import numbers, one_line, printable
 from dualarm_cli.scoring.gate import FLOOR
 from dualarm_cli.scoring.verdict import STATES, Verdict, words
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 NOTHING = "–"
 _COLOURS = {"pass": "green", "improved": "bold green", "new": "yellow"}
@@ -92,6 +93,9 @@ def score_table(verdicts: Sequence[Verdict]) -> Table:
     Args:
         verdicts: by name.
     """
+    from rich.markup import escape
+    from rich.table import Column, Table
+
     figures = numbers("cycle time s", "change", "gap", "clearance mm")
     table = Table(Column("case", overflow="fold"), *figures, "verdict")
     for verdict in verdicts:

@@ -414,7 +414,7 @@ def test_a_urdf_of_40000_joints_in_a_row_is_refused(folder):
         for k in range(40_000)
     ]
     for count, words in (
-        (40_000, "more than is read"),
+        (40_000, "exceeds the limits of XML files"),
         (2_000, "2000 joints; at most 1000 are read"),
     ):
         parts = [*(f'<link name="{name}"/>' for name in names[: count + 1]), *joints[:count]]

@@ -279,11 +279,11 @@ def test_arms_with_clocks_of_their_own_meet_stage_by_stage(handed, order):
 
 def test_an_idle_arm_stays_as_it_was_left_wherever_the_platform_turns():
     """Where its last stop is out of reach it is taken as it is at the nearest angle from which that is in reach."""
-    from dualarm_cli.orders.model.stage_order_model import _where_idle
+    from dualarm_cli.orders.model.stage_order_model import _fill_unreachable
 
     angles = np.array([[0.0], [-1.0], [-0.4], [0.5]])
     seen = np.array([[0.0, np.nan, 2.0, np.nan], [np.nan] * 4, [np.nan, 1.0, np.nan, np.nan]])
-    found = _where_idle(seen[..., None], angles)[..., 0]
+    found = _fill_unreachable(seen[..., None], angles)[..., 0]
     np.testing.assert_array_equal(found[0], [0.0, 2.0, 2.0, 0.0])
     assert np.isnan(found[1]).all()
     np.testing.assert_array_equal(found[2], [1.0, 1.0, 1.0, 1.0])

@@ -140,7 +140,7 @@ def test_of_ways_that_cannot_be_worked_the_joint_the_collision_or_the_end_is_tol
     beyond = way[:, joint] > narrow.bounds[1][joint] + STARTS.rounded
     assert found.share == problem.shares[int(np.argmax(beyond))]
     name, degrees = problem.limits.joints[joint], np.degrees(upper[joint])
-    assert str(found.reason) == f"joint {name} comes to its limit of {degrees:.1f} deg"
+    assert str(found.reason) == f"joint {name} reaches its limit of {degrees:.1f} deg"
 
 
 def test_what_touches_is_left_out(cells, make):

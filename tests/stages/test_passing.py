@@ -62,7 +62,7 @@ def test_estimated_lines_are_near_exact_ones(sequence):
                 if np.abs(seen - path[:: 64 // (len(seen) - 1)]).max() > 1e-4:
                     continue
                 asked = LineProblem(work.limits.joints, path, length, work.limits)
-                exact = solve_launch(asked, launches(asked).ways[number - 1])
+                exact = solve_launch(asked, launches(asked).launches[number - 1])
                 rest = (found.retract if line else found.approach)[k].max()
                 wrong.append(abs(found.shares[k, line] * rest / exact.duration - 1.0))
                 sign = 1.0 if line else -1.0

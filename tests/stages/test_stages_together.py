@@ -144,7 +144,7 @@ def test_the_scan_in_blocks_finds_what_the_whole_scan_finds(packing, model, plac
     angles, here = reach.scanned_positions(model, home)
     usable = np.ones(len(angles), dtype=bool)
     for stop in stops.values():
-        usable &= reach._together(reach._points(stop, model.platform, angles - here))
+        usable &= reach._common_angles(reach._points(stop, model.platform, angles - here))
     nearest = angles[np.argsort(np.abs(angles - here), kind="stable")]
     expected = [a for a in nearest if usable[angles == a][0]][: POSTURES.max_angles]
     found = [float(one[0]) for one in reach.reachable_positions(model, home, stops)]

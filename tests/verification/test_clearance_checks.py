@@ -391,7 +391,7 @@ def test_a_tool_may_touch_any_of_what_its_seam_names():
 
     def span(action, start, end):
         event = SimpleNamespace(arm="left", task="weld", action=action, time=0.5 * (start + end))
-        return SimpleNamespace(event=event, start=start, end=end, over=event.time)
+        return SimpleNamespace(event=event, start=start, end=end, dwell_end=event.time)
 
     spans = [span("seam_start", 1.0, 2.0), span("seam_end", 3.0, 4.0)]
 
