@@ -61,7 +61,13 @@ def init_command(
         print_message(f"  {command.format(folder=folder):<{WIDTH + len(str(folder))}}{what}")
 
 
-OWN_FILES = ("cell.yaml", "tasks.yaml", "study.yaml", ".github/workflows/score.yaml")
+OWN_FILES = (
+    "cell.yaml",
+    "tasks.yaml",
+    "study.yaml",
+    "requirements.txt",
+    ".github/workflows/score.yaml",
+)
 """Files that people edit."""
 NEXT = (
     ("dualarm plan {folder}/tasks.yaml", "a verified schedule of the six picks"),

@@ -70,11 +70,11 @@ def solve_poses(
     would leave it is held in that step. Converged starts are polished by undamped steps to `residual`.
 
     With six joints solutions are isolated: rounds of starts go on until `quiet_rounds` bring nothing new. No
-    completeness
-    is claimed; thousands of random starts find the same sets (tested). With more joints every start has a solution of
-    its own on the curves of self-motion; rounds go on until there is one. Branches are numbers from 0 within each pose.
+    completeness is claimed; thousands of random starts find the same sets (tested). With more joints every start has
+    a solution of its own on the curves of self-motion; rounds go on until there is one. Branches are numbers from 0
+    within each pose.
 
-    An arm with closed forms (`SerialChain.closed_postures`) is solved by these, with its own branches.
+    An arm with closed forms is solved by these, with its own branches.
 
     Args:
         arm: kinematics and limits.
