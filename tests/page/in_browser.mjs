@@ -20,8 +20,32 @@ try {
   await browser.close();
 }
 
+/** Returns the share of the window that the 3-D view has, and what does not fit. */
+function layoutOf(tab) {
+  return tab.evaluate(() => {
+    const box = (name) => document.querySelector(name).getBoundingClientRect();
+    const { width, height } = box(".viewer");
+    return {
+      share: (width * height) / (innerWidth * innerHeight),
+      scrolled: document.documentElement.scrollWidth - innerWidth,
+      playBarEnds: box(".transport").bottom - innerHeight,
+    };
+  });
+}
+
+/** Returns the cursor's time after half a second, of a page whose reader does not prefer stillness. */
+async function opened(browser, hash) {
+  const tab = await (await browser.newContext({ offline: true })).newPage();
+  await tab.goto(pathToFileURL(page).href + hash);
+  await tab.waitForFunction(() => window.dualarm?.ready);
+  await tab.waitForTimeout(500);
+  const time = await tab.evaluate(() => window.dualarm.time);
+  await tab.close();
+  return time;
+}
+
 async function look(browser) {
-  const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, offline: true });
+  const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, offline: true, reducedMotion: "reduce" });
   const tab = await context.newPage();
   const errors = [];
   const requests = [];
@@ -37,6 +61,24 @@ async function look(browser) {
   };
   const firstPictures = [await open(), await open(), await open()];
   const seen = { firstPicture: Math.min(...firstPictures) / 1e3 };
+
+  seen.layouts = [];
+  for (const [width, height] of [[1280, 720], [390, 844]]) {
+    await tab.setViewportSize({ width, height });
+    seen.layouts.push(await layoutOf(tab));
+  }
+  await tab.setViewportSize({ width: 1280, height: 800 });
+  for (const part of ["curves", "report"]) await tab.locator(`[data-part=${part}]`).click();
+  await tab.locator(".splitter").focus();
+  const height = () => tab.evaluate(() => document.querySelector(".timeline").getBoundingClientRect().height);
+  const before = await height();
+  await tab.keyboard.press("ArrowUp");
+  seen.higherBy = (await height()) - before;
+  await open();
+  seen.stillHigherBy = (await height()) - before;
+
+  seen.linkedTime = await opened(browser, "#t=0.25");
+  seen.playedAlone = await opened(browser, "");
 
   seen.arms = await tab.evaluate(() => [...document.querySelectorAll(".status b")].map((b) => b.textContent));
   seen.states = [];
@@ -96,9 +138,9 @@ async function look(browser) {
   for (const button of await tab.locator(".group button, .view-bar button, .tabs button").all()) {
     await button.click();
   }
-  await tab.locator("summary").click();
+  await tab.locator(".joints summary").click();
   for (const button of await tab.locator(".joint-list button").all()) await button.click();
-  await tab.locator("summary").click();
+  await tab.locator(".joints summary").click();
   await tab.mouse.move(chart.x + 0.5 * chart.width, chart.y + 75);
   await tab.mouse.wheel(0, -900);
   for (const key of ["d", "ArrowRight", "ArrowUp", "t", "ArrowUp", "e", "ArrowDown", "z", "0", "f", "+", "-", "?", "Escape", "End"]) {

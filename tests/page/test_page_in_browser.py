@@ -107,6 +107,13 @@ def test_the_page_shows_the_plan(
     assert [
         url for url in seen["requests"] if not url.startswith(("file:", "data:", "blob:"))
     ] == []
+    for layout in seen["layouts"]:
+        assert layout["share"] >= 0.5
+        assert layout["scrolled"] <= 0
+        assert layout["playBarEnds"] <= 0
+    assert seen["higherBy"] == seen["stillHigherBy"] == 16.0
+    assert seen["linkedTime"] == 0.25
+    assert seen["playedAlone"] > 0.2
     for state in seen["states"]:
         expected = plain_motion.positions(schedule, state["time"])
         assert state["joints"] == pytest.approx(expected, abs=1e-9)

@@ -33,6 +33,8 @@ export class Clock extends Observable {
     this.time = 0;
     this.speed = 1;
     this.playing = false;
+    /** Whether playback stops at the end, also of a cycle. */
+    this.once = false;
   }
 
   /** @param {number} time s; clamped to the plan */
@@ -44,7 +46,14 @@ export class Clock extends Observable {
   play() {
     if (this.time >= this.duration) this.time = 0;
     this.playing = true;
+    this.once = false;
     this.notify();
+  }
+
+  /** Play to the end and stop there. */
+  playOnce() {
+    this.play();
+    this.once = true;
   }
 
   pause() {
@@ -69,7 +78,7 @@ export class Clock extends Observable {
     const time = this.time + elapsed * this.speed;
     if (time < this.duration) {
       this.setTime(time);
-    } else if (this.closes) {
+    } else if (this.closes && !this.once) {
       this.setTime(time % this.duration);
     } else {
       this.playing = false;

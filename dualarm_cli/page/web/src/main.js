@@ -8,14 +8,16 @@ import { clearanceAt, clearanceColour } from "./clearance.js";
 import { readPlan } from "./data.js";
 import { button, element, toggle } from "./dom.js";
 import { helpOverlay, listenToKeys } from "./keyboard.js";
-import { verdict } from "./panels.js";
+import { Layout } from "./layout.js";
+import { reservations, verdict } from "./panels.js";
+import { begin, largePlayButton } from "./playing.js";
 import { compose, forwardKinematics } from "./poses.js";
 import { ReportView } from "./report_view.js";
 import { Scene } from "./scene.js";
 import { Timeline } from "./timeline.js";
 import { Transport } from "./transport.js";
 import { positionsAt } from "./trajectory.js";
-import { millimetres, seconds } from "./units.js";
+import { fixed, millimetres, seconds } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 
@@ -40,19 +42,21 @@ function start(root) {
     timeline.recolour();
     scene?.recolour(colour);
   });
+  const layout = new Layout(root, timeline);
   const commands = makeCommands({ clock, timeWindow, transport, theme, fit: () => scene?.fit(), help: () => help.showModal() });
   const help = helpOverlay(commands);
-  const splitter = element("div", { class: "splitter", role: "separator", title: "Drag to resize the timeline" });
+  timeline.head.prepend(layout.button("curves", "Curves of joints, tools and clearances"));
   root.replaceChildren(
-    header(plan, () => theme.toggle(), () => help.showModal()),
-    element("main", {}, element("div", { class: "upper" }, viewer, report.element), transport.element, splitter, timeline.element),
+    header(plan, layout.button("report", "Figures, stages, waits, checks and notes"), () => theme.toggle(), () => help.showModal()),
+    element("main", {}, element("div", { class: "upper" }, viewer, report.element), transport.element, layout.splitter, timeline.element),
     help,
   );
-  makeResizable(splitter, root);
+  layout.apply();
 
   const scene = makeScene(plan, stage);
   if (scene) {
-    viewBar.append(...viewButtons(scene));
+    viewer.append(largePlayButton(clock));
+    viewBar.append(...viewButtons(scene, plan));
     clock.onChange(() => scene.setTime(clock.time));
     nameSolids(scene, stage);
   }
@@ -71,6 +75,7 @@ function start(root) {
   printLight(theme, timeline, scene);
   run(clock);
   expose(plan, clock);
+  begin(clock);
 }
 
 /**
@@ -110,8 +115,8 @@ function makeScene(plan, stage) {
   }
 }
 
-/** Create the buttons of the 3-D view. @param {Scene} scene @returns {Node[]} */
-function viewButtons(scene) {
+/** Create the buttons of the 3-D view. @param {Scene} scene @param {Plan} plan @returns {Node[]} */
+function viewButtons(scene, plan) {
   const from = /** @type {(x: number, y: number, z: number) => () => void} */ ((x, y, z) => () => scene.fit([x, y, z]));
   return [
     button("fit", "Fit the whole cell into the view (f)", () => scene.fit()),
@@ -122,7 +127,13 @@ function viewButtons(scene) {
     toggle("frames", "Frames of the tools", true, (on) => scene.show("frames", on)),
     toggle("closest", "Closest pairs", true, (on) => scene.show("pair", on)),
     toggle("skeleton", "Joints and links as a skeleton", false, (on) => scene.show("skeleton", on)),
+    button("picture", "Save this view as a picture (PNG)", () => save(scene.picture(), `${plan.title}.png`)),
   ];
+}
+
+/** Save a data URL as a file. @param {string} url @param {string} name */
+function save(url, name) {
+  element("a", { href: url, download: name }).click();
 }
 
 /**
@@ -142,43 +153,32 @@ function nameSolids(scene, stage) {
 }
 
 /**
- * Create the header.
+ * Create the header: what was planned, whether it holds, and what it rests on.
  * @param {Plan} plan
+ * @param {HTMLElement} reportButton
  * @param {() => void} changeTheme
  * @param {() => void} help
  */
-function header(plan, changeTheme, help) {
+function header(plan, reportButton, changeTheme, help) {
   const { report } = plan;
   const { text, mark } = verdict(report);
+  const hourly = report.parts_per_hour !== null && report.parts > 0 ? `${fixed(report.parts_per_hour, 0)} parts per hour` : null;
   return element(
     "header",
     {},
-    element("h1", {}, plan.title),
-    element("span", { class: "robot" }, plan.robot),
-    element("span", { class: `verdict ${mark}`, title: text }, text),
-    element("span", { class: "cycle" }, seconds(report.cycle_time), report.closes ? " cycle" : ""),
-    element("span", { class: "space" }),
+    element(
+      "div",
+      { class: "about" },
+      element("h1", {}, plan.title),
+      element("span", { class: "robot" }, plan.robot),
+      element("span", { class: "cycle" }, seconds(report.cycle_time), report.closes ? " cycle" : ""),
+      hourly && element("span", { class: "hourly" }, hourly),
+      element("span", { class: `verdict ${mark}` }, text),
+      ...reservations(plan).map((words) => element("span", { class: "reservation" }, words)),
+    ),
     element("span", { class: "version" }, `dualarm ${plan.version}`),
-    button("◐", "Dark or light (d)", changeTheme),
-    button("?", "Keys and pointer (?)", help),
+    element("span", { class: "buttons" }, reportButton, button("◐", "Dark or light (d)", changeTheme), button("?", "Keys and pointer (?)", help)),
   );
-}
-
-/**
- * Let a drag of the splitter divide the height between 3-D view and timeline.
- * @param {HTMLElement} splitter
- * @param {HTMLElement} root
- */
-function makeResizable(splitter, root) {
-  splitter.addEventListener("pointerdown", (event) => {
-    splitter.setPointerCapture(event.pointerId);
-    const move = (/** @type {PointerEvent} */ e) => {
-      const height = Math.min(Math.max(window.innerHeight - e.clientY, 120), window.innerHeight - 260);
-      root.style.setProperty("--timeline-height", `${height}px`);
-    };
-    splitter.addEventListener("pointermove", move);
-    splitter.addEventListener("pointerup", () => splitter.removeEventListener("pointermove", move), { once: true });
-  });
 }
 
 /**
@@ -206,6 +206,7 @@ function makeCommands({ clock, timeWindow, transport, theme, fit, help }) {
     { keys: ["z"], label: "z", text: "timeline: zoom in at the cursor", action: () => timeWindow.zoom(clock.time, 0.5) },
     { keys: ["Z"], label: "Shift z", text: "timeline: zoom out", action: () => timeWindow.zoom(clock.time, 2) },
     { keys: ["0"], label: "0", text: "timeline: show the whole plan", action: () => timeWindow.showAll() },
+    { keys: ["l"], label: "l", text: "copy the link to this instant", action: () => transport.copyLink() },
     { keys: ["f"], label: "f", text: "3-D view: fit the whole cell", action: fit },
     { keys: ["d"], label: "d", text: "dark or light", action: () => theme.toggle() },
     { keys: ["?"], label: "?", text: "this help", action: help },

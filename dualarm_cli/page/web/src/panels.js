@@ -85,6 +85,20 @@ export function verdict(report) {
 }
 
 /**
+ * Return what the plan's figures rest on, in a few words each: assumed limits, a clearance of zero.
+ * @param {Plan} plan
+ * @returns {string[]}
+ */
+export function reservations(plan) {
+  const { report, joints } = plan;
+  const assumed = joints.filter((joint) => joint.limits.source.includes("assumed")).length;
+  const words = [];
+  if (assumed > 0) words.push(`limits of ${assumed === joints.length ? "all" : `${assumed} of ${joints.length}`} joints are assumed`);
+  if (report.smallest_clearance?.required === 0) words.push("no clearance required");
+  return words;
+}
+
+/**
  * Return the sentence on the time saved by blending, if any.
  * @param {any} report
  */

@@ -54,6 +54,7 @@ export class Timeline {
     this.quantities = ["velocity", ...(plan.clearances.length ? ["clearance"] : [])];
     /** @type {import("./curves.js").Plot[]} */
     this.plots = [];
+    this.folded = false;
     this.cursor = element("div", { class: "cursor" });
     this.hint = element("div", { class: "hint", hidden: true });
     this.plotArea = element("div", { class: "plots" });
@@ -64,10 +65,11 @@ export class Timeline {
     this.chosen = element("div", { class: "chosen" });
     /** @type {Map<string, HTMLElement>} */
     this.readings = new Map();
+    this.head = element("div", { class: "timeline-head" }, this.choices, this.chosen, this.legend);
     this.element = element(
       "section",
       { class: "timeline", "aria-label": "Timeline" },
-      element("div", { class: "timeline-head" }, this.choices, this.chosen, this.legend),
+      this.head,
       this.scroll,
       this.hint,
     );
@@ -76,6 +78,12 @@ export class Timeline {
     clock.onChange(() => this.moveCursor());
     timeWindow.onChange(() => this.redraw());
     new ResizeObserver(() => this.resize()).observe(this.scroll);
+  }
+
+  /** Show the Gantt chart alone, or the curves too. @param {boolean} folded */
+  setFolded(folded) {
+    this.folded = folded;
+    this.rebuild();
   }
 
   makeLegend() {
@@ -208,7 +216,7 @@ export class Timeline {
     for (const plot of this.plots) plot.destroy();
     const size = this.plotSize();
     const selected = this.joints.map((name, number) => ({ joint: this.joint(name), number }));
-    this.plots = this.quantities.flatMap((name) =>
+    this.plots = (this.folded ? [] : this.quantities).flatMap((name) =>
       name === "clearance"
         ? [clearancePlot(this.plan, this.timeWindow, size)]
         : jointPlots(/** @type {Quantity} */ (name), selected, this.timeWindow, size),

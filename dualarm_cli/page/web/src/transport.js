@@ -3,6 +3,7 @@
 import { neighbour, SPEEDS } from "./clock.js";
 import { button, element } from "./dom.js";
 import { armsOf } from "./data.js";
+import { copyLink } from "./playing.js";
 import { ALONG, segmentsAt, signalOf, waitsFor } from "./gantt_layout.js";
 import { actionOn, eventText, fixed, word } from "./units.js";
 
@@ -52,7 +53,7 @@ export class Transport {
     );
     this.kinds = element(
       "select",
-      { "aria-label": "Step to", title: "Step to (s, t, e)", onchange: () => this.setKind(this.kinds.value) },
+      { class: "kinds", "aria-label": "Step to", title: "Step to (s, t, e)", onchange: () => this.setKind(this.kinds.value) },
       ...["stage", "task", "event"].map((kind) => element("option", { value: kind }, kind)),
     );
     this.jump = element(
@@ -61,6 +62,7 @@ export class Transport {
       element("option", { value: "" }, "go to task …"),
       ...plan.events.map((event, i) => element("option", { value: i }, eventText(event))),
     );
+    this.link = button("link", "Copy the link to this instant (l)", () => this.copyLink(), { class: "link" });
     this.element = element(
       "div",
       { class: "transport", role: "group", "aria-label": "Playback" },
@@ -72,6 +74,8 @@ export class Transport {
       this.scrub,
       this.speeds,
       this.jump,
+      this.link,
+      element("small", { class: "keys" }, element("kbd", {}, "Space"), " play ", element("kbd", {}, "←"), element("kbd", {}, "→"), " step ", element("kbd", {}, "?"), " keys"),
     );
     this.status = element("div", { class: "status" });
     clock.onChange(() => this.update());
@@ -93,6 +97,13 @@ export class Transport {
   goToTask() {
     if (this.jump.value !== "") this.go(this.plan.events[Number(this.jump.value)].time);
     this.jump.value = "";
+  }
+
+  copyLink() {
+    copyLink(this.clock, (text) => {
+      this.link.textContent = text;
+      setTimeout(() => (this.link.textContent = "link"), 2000);
+    });
   }
 
   /** @param {number} time */

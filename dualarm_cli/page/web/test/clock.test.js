@@ -3,6 +3,7 @@ import { test } from "node:test";
 import { clearanceAt } from "../src/clearance.js";
 import { Clock, TimeWindow, neighbour } from "../src/clock.js";
 import { readPlan } from "../src/data.js";
+import { linkTo, linkedTime } from "../src/playing.js";
 
 test("the time cursor stays within the plan and notifies its listeners", () => {
   const clock = new Clock(10, false);
@@ -29,6 +30,22 @@ test("playback follows the speed, repeats a cycle, and stops at the end of other
   assert.deepEqual([once.time, once.playing], [10, false]);
   once.play();
   assert.equal(once.time, 0);
+});
+
+test("a page that plays by itself stops at the end, of a cycle too", () => {
+  const cycle = new Clock(10, true);
+  cycle.playOnce();
+  cycle.advance(12);
+  assert.deepEqual([cycle.time, cycle.playing], [10, false]);
+  cycle.play();
+  cycle.advance(12);
+  assert.deepEqual([cycle.time, cycle.playing], [2, true]);
+});
+
+test("a link names an instant in seconds, and nothing else", () => {
+  assert.equal(linkTo(12.34567), "#t=12.346");
+  assert.equal(linkedTime(linkTo(0.1 + 0.2)), 0.3);
+  for (const other of ["", "#", "#t=", "#t=-1", "#t=1e9", "#t=1;x", "#overview"]) assert.equal(linkedTime(other), undefined);
 });
 
 test("zooming keeps the instant under the pointer fixed and stays within the plan", () => {

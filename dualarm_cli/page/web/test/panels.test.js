@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { savings, verdict } from "../src/panels.js";
+import { reservations, savings, verdict } from "../src/panels.js";
 
 test("the overview shows the time saved by blending", () => {
   const [blending] = savings({ cycle_time: 9, blending: { gain: 1, share: 0.1 } });
@@ -23,4 +23,12 @@ test("a plan whose collisions are not fully checked is not simply verified", () 
 test("without savings it shows nothing", () => {
   assert.deepEqual(savings({ cycle_time: 9, blending: { gain: 0, share: 0 } }), []);
   assert.deepEqual(savings({ cycle_time: 9, blending: null }), []);
+});
+
+test("the header says which limits are assumed, and that nothing keeps bodies apart", () => {
+  const joints = [{ limits: { source: "assumed" } }, { limits: { source: "urdf, jerk assumed" } }, { limits: { source: "datasheet" } }];
+  const report = { smallest_clearance: { required: 0 } };
+  assert.deepEqual(reservations({ joints, report }), ["limits of 2 of 3 joints are assumed", "no clearance required"]);
+  assert.deepEqual(reservations({ joints: joints.slice(0, 2), report: {} }), ["limits of all joints are assumed"]);
+  assert.deepEqual(reservations({ joints: joints.slice(2), report: { smallest_clearance: { required: 0.01 } } }), []);
 });
