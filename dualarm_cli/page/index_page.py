@@ -29,8 +29,8 @@ MARK = b"<!doctype html>\n<!-- dualarm index -->\n"
 """First bytes of an index that this package wrote."""
 NOTHING = "–"
 """Text of a table cell without a value."""
-LONGEST_NAME = 80
-"""Most characters of a page's name, its ending not counted."""
+MAX_NAME_LENGTH = 80
+"""Maximum number of characters in a page's name, without its extension."""
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 _PAGE = """<html lang="en">
 <head>
@@ -78,13 +78,13 @@ def index_page(title: str, lines: Sequence[str], tables: Sequence[PageTable]) ->
 
 def _without_empty(table: PageTable) -> PageTable:
     """Drop the columns without any value."""
-    kept = [
+    columns = [
         k
         for k in range(len(table.columns))
         if any(row.cells[k].links or row.cells[k].text not in ("", NOTHING) for row in table.rows)
     ]
-    rows = [PageRow([row.cells[k] for k in kept], row.data) for row in table.rows]
-    return replace(table, columns=[table.columns[k] for k in kept], rows=rows)
+    rows = [PageRow([row.cells[k] for k in columns], row.data) for row in table.rows]
+    return replace(table, columns=[table.columns[k] for k in columns], rows=rows)
 
 
 def page_names(names: Iterable[str]) -> list[str]:
@@ -95,15 +95,15 @@ def page_names(names: Iterable[str]) -> list[str]:
     Args:
         names: such as those of task files.
     """
-    found: dict[str, None] = {}
+    files: dict[str, None] = {}
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9]+", "-", name.removesuffix("/tasks.yaml")).strip("-")
-        plain = plain.lower()[-LONGEST_NAME:].strip("-") or "plan"
+        plain = plain.lower()[-MAX_NAME_LENGTH:].strip("-") or "plan"
         k, new = 1, plain
-        while new in found:
+        while new in files:
             k, new = k + 1, f"{plain}-{k + 1}"
-        found[new] = None
-    return [f"{name}.html" for name in found]
+        files[new] = None
+    return [f"{name}.html" for name in files]
 
 
 def verified_cell(status: str, caveats: Sequence[str]) -> PageCell:
@@ -130,13 +130,13 @@ def study_index(document: Mapping[str, Any], pages: Mapping[tuple[int, int], str
         pages: names of the plans' pages, by the number of the point and that of the task file.
     """
     named = [OBJECTIVES[entry["name"]] for entry in document["objectives"]]
-    objectives = [*named, *(one for one in OBJECTIVES.values() if one not in named)]
+    objectives = [*named, *(item for item in OBJECTIVES.values() if item not in named)]
     columns = [
         ("rank", True),
         ("plan", False),
         *([("Pareto", False)] if len(named) > 1 else []),
-        *((parameter_label(one), one["numeric"]) for one in document["parameters"]),
-        *((objective_head(one), True) for one in objectives),
+        *((parameter_label(item), item["numeric"]) for item in document["parameters"]),
+        *((objective_head(item), True) for item in objectives),
         ("bound s", True),
         ("verified", False),
         ("most time", False),
@@ -150,12 +150,12 @@ def study_index(document: Mapping[str, Any], pages: Mapping[tuple[int, int], str
         "reasons": [],
     }
     rows = [reference | document["reference"], *document["rows"]]
-    found = [
+    page_rows = [
         PageRow(_cells(document, row, objectives, _links(document, row, pages))) for row in rows
     ]
     shown = sum(row["point"] in {number for number, _ in pages} for row in document["rows"])
     lines = [*sentences(document, every=True), f"plans to watch: of the best {shown} points"]
-    return index_page(document["study"], lines, [PageTable("", columns, found)])
+    return index_page(document["study"], lines, [PageTable("", columns, page_rows)])
 
 
 def page_title(document: Mapping[str, Any], point: int, job: int) -> str:
@@ -205,14 +205,14 @@ def _cells(
     planned = status == "planned"
     caveats = list(dict.fromkeys(text for job in jobs for text in job["caveats"] if planned))
     as_it_is = row["point"] == AS_IT_IS
-    values = [row["values"].get(one["name"], "") for one in document["parameters"]]
+    values = [row["values"].get(item["name"], "") for item in document["parameters"]]
     rank = "as it is" if as_it_is else str(row["rank"] or "–")
     return [
         PageCell(rank),
         PageCell("", links=links),
         *([PageCell("*" if row["pareto"] else "")] if len(document["objectives"]) > 1 else []),
         *(PageCell(value_text(value)) for value in values),
-        *(PageCell(one.shown(row[one.name])) for one in objectives),
+        *(PageCell(item.shown(row[item.name])) for item in objectives),
         PageCell(bound if planned else "–"),
         verified_cell(status, caveats) if planned else PageCell(STATUS_WORDS[status], "bad"),
         PageCell(most_time(jobs) if planned else "–"),

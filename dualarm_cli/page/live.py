@@ -14,8 +14,8 @@ from dualarm_cli.page.page import POLICY
 
 HOST = "127.0.0.1"
 """Address that the server listens on, reachable from this machine only."""
-MOST_OPEN, PATIENCE = 50, 10.0
-"""Connections at once, and how long one may say nothing [s]."""
+MAX_CONNECTIONS, IDLE_TIMEOUT = 50, 10.0
+"""Maximum number of open connections, and their time limit without data [s]."""
 _RELOAD = """<script>
 (() => {
   const shown = "VERSION", key = "dualarm.time";
@@ -69,9 +69,9 @@ class _Server(ThreadingHTTPServer):
         super().__init__(address, handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer a connection; the oldest of more than MOST_OPEN is closed."""
+        """Answer a connection, and close the oldest beyond MAX_CONNECTIONS."""
         self._open.append(request)
-        while len(self._open) > MOST_OPEN:
+        while len(self._open) > MAX_CONNECTIONS:
             with suppress(OSError):
                 self._open.popleft().shutdown(socket.SHUT_RDWR)
         super().process_request(request, client_address)
@@ -104,20 +104,20 @@ class LivePage:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """URL of the page."""
         return f"http://{HOST}:{self._server.server_address[1]}/"
 
     def show(self, page: bytes) -> None:
         """Show a page (`page_html`); browsers with an older one reload."""
         self._version += 1
-        own = POLICY.replace("default-src 'none';", "default-src 'none'; connect-src 'self';")
-        text = page.decode("utf-8").replace(POLICY, own, 1)
+        policy = POLICY.replace("default-src 'none';", "default-src 'none'; connect-src 'self';")
+        text = page.decode("utf-8").replace(POLICY, policy, 1)
         body, _, _ = text.rpartition("</body>")
         reload = _RELOAD.replace("VERSION", str(self._version))
         self._content = f"{body}{reload}\n</html>\n".encode()
 
-    def tell(self, title: str, text: str, hint: str) -> None:
-        """Shows a text in place of a plan, such as what is wrong with a file."""
+    def show_text(self, title: str, text: str, hint: str) -> None:
+        """Show a text in place of a plan, such as the error in a file."""
         words = {"title": title, "text": text, "hint": hint}
         safe = {name: html.escape(word) for name, word in words.items()}
         self.show(_ERROR.format(policy=POLICY, **safe).encode())
@@ -133,13 +133,13 @@ class LivePage:
         class Handler(BaseHTTPRequestHandler):
             """Request handler for the page and its version."""
 
-            timeout = PATIENCE
+            timeout = IDLE_TIMEOUT
 
             def do_GET(self) -> None:
-                # A page of elsewhere that has its own name lead here gets nothing.
+                # A foreign host name that resolves to this machine (DNS rebinding) gets no answer.
                 host = self.headers.get("Host", "").partition(":")[0]
-                known = {"/": live._content, "/version": str(live._version).encode()}
-                content = known.get(self.path)
+                contents = {"/": live._content, "/version": str(live._version).encode()}
+                content = contents.get(self.path)
                 if host not in (HOST, "localhost") or content is None:
                     self.send_error(404)
                     return

@@ -31,19 +31,19 @@ def packed_document(document: Mapping[str, Any]) -> str:
     return base64.b64encode(zlib.compress(text.encode())).decode()
 
 
-def unpacked_document(text: str, most: int = 0) -> dict[str, Any]:
-    """Return the document that `packed_document` made a text of.
+def unpacked_document(text: str, max_size: int = 0) -> dict[str, Any]:
+    """Decode a document encoded by `packed_document`.
 
     Args:
-        text: packed; of a cache, anything.
-        most: longest document that is unpacked [bytes]; 0 for no limit.
+        text: encoded document; text from a cache may hold anything.
+        max_size: maximum size of the decoded document [B]; 0 for no limit.
 
     Raises:
-        ValueError: the text is none of those, or its document is longer.
+        ValueError: the text encodes no document, or a larger one.
     """
     unpacking = zlib.decompressobj()
     try:
-        plain = unpacking.decompress(base64.b64decode(text, validate=True), most)
+        plain = unpacking.decompress(base64.b64decode(text, validate=True), max_size)
         document = json.loads(plain if unpacking.eof else b"", parse_constant=_no_number)
     except (zlib.error, RecursionError) as error:
         raise ValueError(str(error)) from None
@@ -66,7 +66,7 @@ def joint_knots(motion: JointMotion, joint: str) -> FloatArray:
         joint: its name.
     """
     group = next(group for group in motion.groups.values() if joint in group.joints)
-    one = group.select([joint])
-    kept = own_knots(one)
-    rates = (one.position, one.velocity, one.acceleration)
-    return np.stack([one.time[kept], *(rate[kept, 0] for rate in rates)])
+    single = group.select([joint])
+    knots = own_knots(single)
+    rates = (single.position, single.velocity, single.acceleration)
+    return np.stack([single.time[knots], *(rate[knots, 0] for rate in rates)])

@@ -75,12 +75,12 @@ def _joints(schedule: Schedule) -> list[dict[str, Any]]:
     groups |= {joint: name for name, arm in robot.arms.items() for joint in arm.joints}
     model = pin.buildModelFromXML(robot.urdf)
     sliding = {n for n, j in zip(model.names, model.joints, strict=True) if "P" in j.shortname()}
-    found = []
+    joints = []
     limits = robot.limits
     for k, name in enumerate(limits.joints):
         knots = joint_knots(schedule.motion, name)
         names = ("time", "position", "velocity", "acceleration")
-        found.append(
+        joints.append(
             {
                 "name": name,
                 "group": groups[name],
@@ -96,7 +96,7 @@ def _joints(schedule: Schedule) -> list[dict[str, Any]]:
                 "knots": {n: packed(row, "f64") for n, row in zip(names, knots, strict=True)},
             }
         )
-    return found
+    return joints
 
 
 def _finite(value: float) -> float | None:
@@ -105,7 +105,7 @@ def _finite(value: float) -> float | None:
 
 def _conveyors(job: Job) -> list[dict[str, Any]]:
     """List the conveyors with the stretch between the first and the last target."""
-    found = []
+    belts = []
     for name, conveyor in job.cell.conveyors.items():
         along = conveyor.velocity / conveyor.speed
         ends = []
@@ -123,7 +123,7 @@ def _conveyors(job: Job) -> list[dict[str, Any]]:
         x = np.column_stack([along, side / np.linalg.norm(side), [0.0, 0.0, 1.0]])
         centre = middle + 0.5 * (reach.max() + reach.min()) * along
         centre[2] = points[:, 2].min()
-        found.append(
+        belts.append(
             {
                 "name": name,
                 "length": float(np.ptp(reach)) + 2 * PAGE.belt_margin,
@@ -132,7 +132,7 @@ def _conveyors(job: Job) -> list[dict[str, Any]]:
             }
             | placed(pin.SE3(x, centre))
         )
-    return found
+    return belts
 
 
 @dataclass(frozen=True)
@@ -175,42 +175,45 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     model, solids, pairs, windows = watched.model, watched.solids, watched.pairs, watched.windows
     proven = schedule.verification.clearances if schedule.verification is not None else ()
     nearest = {name for stage in proven for name in stage.bodies}
-    # Most parts that wait or lie are never the nearest.
-    kept = [
+    # Most waiting or lying parts are never the nearest body.
+    selected = [
         k
         for k, pair in enumerate(pairs)
         if pair.required >= 0.0 and solids[pair.second].lying in {"", *nearest}
     ]
-    if not kept:
+    if not selected:
         return []
     times = _instants(schedule)
-    places = list(dict.fromkeys((pairs[k].first, pairs[k].second) for k in kept))
+    places = list(dict.fromkeys((pairs[k].first, pairs[k].second) for k in selected))
     column = {place: number for number, place in enumerate(places)}
-    own = np.array([column[pairs[k].first, pairs[k].second] for k in kept])
-    required = np.array([pairs[k].required for k in kept])
-    counts = np.array([_during(windows[k], times) for k in kept])
+    pair_columns = np.array([column[pairs[k].first, pairs[k].second] for k in selected])
+    required = np.array([pairs[k].required for k in selected])
+    counts = np.array([_during(windows[k], times) for k in selected])
     near = np.array(
-        [_are_near(model, solids[pairs[k].first], solids[pairs[k].second]) for k in kept]
+        [_are_near(model, solids[pairs[k].first], solids[pairs[k].second]) for k in selected]
     )
-    names = [[solids[i].label for i in (pairs[k].first, pairs[k].second)] for k in kept]
+    names = [[solids[i].label for i in (pairs[k].first, pairs[k].second)] for k in selected]
     geometry = geometry_model(solids, places)
-    found, data = pin.GeometryData(geometry), model.createData()
-    # Kept, as pinocchio fills the same ones each time, and each would be wrapped anew otherwise.
-    results = list(found.distanceResults)
+    geometry_data, data = pin.GeometryData(geometry), model.createData()
+    # Wrapped once: pinocchio fills the same result objects at each instant.
+    results = list(geometry_data.distanceResults)
     order = [watched.trajectory.joints.index(name) for name in model.names[1:]]
     curves = [("clearance", ~near), ("near links", near)]
-    samples = {name: _Samples() for name, own_pairs in curves if own_pairs.any()}
+    samples = {name: _Samples() for name, members in curves if members.any()}
     for row, q in enumerate(watched.trajectory.at(times)[0][:, order]):
-        pin.computeDistances(model, data, geometry, found, q)
+        pin.computeDistances(model, data, geometry, geometry_data, q)
         distances = np.array([result.min_distance for result in results])
-        for name, own_pairs in curves:
-            margins = np.where(counts[:, row] & own_pairs, distances[own] - required, np.inf)
+        for name, members in curves:
+            checked = counts[:, row] & members
+            margins = np.where(checked, distances[pair_columns] - required, np.inf)
             least = int(np.argmin(margins))
             if np.isfinite(margins[least]):
-                result = results[int(own[least])]
+                result = results[int(pair_columns[least])]
                 samples[name].add(times[row], least, result, job.cell.base)
     return [
-        {"name": name} | some.packed(names, required) for name, some in samples.items() if some.time
+        {"name": name} | curve.packed(names, required)
+        for name, curve in samples.items()
+        if curve.time
     ]
 
 
@@ -245,14 +248,14 @@ class _Samples:
         }
 
 
-def _are_near(model: pin.Model, one: Solid, other: Solid) -> bool:
+def _are_near(model: pin.Model, first: Solid, second: Solid) -> bool:
     """Test whether two bodies are near links of the robot.
 
-    Both are its own, or on it, with no more than `near` joints between them.
+    Both are links, or fixed to links, with at most `near` joints between them.
     """
-    if WORLD in (one.joint, other.joint) and not {one.body, other.body} <= _links(model):
+    if WORLD in (first.joint, second.joint) and not {first.body, second.body} <= _links(model):
         return False
-    joints = set(model.supports[one.joint]) ^ set(model.supports[other.joint])
+    joints = set(model.supports[first.joint]) ^ set(model.supports[second.joint])
     return len(joints) <= PAGE.near
 
 

@@ -71,11 +71,11 @@ def bodies(model: pin.Model, robot: Robot, base: pin.SE3) -> list[dict[str, Any]
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     root = {"name": "", "parent": WORLD_BODY, "joint": -1, "axis": [0.0, 0.0, 1.0], "slides": False}
-    found: list[dict[str, Any]] = [root | placed(base)]
+    rows: list[dict[str, Any]] = [root | placed(base)]
     for number in range(1, model.njoints):
         motion = np.asarray(data.joints[number].S).ravel()
         slides = bool(np.any(motion[:3]))
-        found.append(
+        rows.append(
             {
                 "name": model.names[number],
                 "parent": int(model.parents[number]),
@@ -85,7 +85,7 @@ def bodies(model: pin.Model, robot: Robot, base: pin.SE3) -> list[dict[str, Any]
             }
             | placed(model.jointPlacements[number])
         )
-    return found
+    return rows
 
 
 def solids(model: pin.Model, cell: Cell, hulls: DrawnHulls) -> list[dict[str, Any]]:
@@ -98,25 +98,25 @@ def solids(model: pin.Model, cell: Cell, hulls: DrawnHulls) -> list[dict[str, An
     """
     robot = cell.robot
     side = {joint: arm.name for arm in robot.arms for joint in arm.joints}
-    found = []
+    rows = []
     for solid in link_solids(model, replace(robot, meshes={})):
         shape = Shape(*_form(solid.geometry), solid.pose)
         about = {"body": solid.joint, "name": solid.body, "role": "link"}
         about["arm"] = side.get(model.names[solid.joint], "")
-        found.append(about | drawn(shape, pin.SE3.Identity(), hulls))
+        rows.append(about | drawn(shape, pin.SE3.Identity(), hulls))
     for name, shapes in robot.meshes.items():
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
         about = {"body": frame.parentJoint, "name": name, "role": "link"}
         about["arm"] = side.get(model.names[frame.parentJoint], "")
-        found += [about | drawn(shape, frame.placement, hulls) for shape in shapes]
+        rows += [about | drawn(shape, frame.placement, hulls) for shape in shapes]
     for arm, tool in cell.tools.items():
         frame = _flange(model, robot, arm)
         about = {"body": frame.parentJoint, "name": f"{arm}_tool", "role": "tool", "arm": arm}
-        found += [about | drawn(shape, frame.placement, hulls) for shape in tool.shapes]
+        rows += [about | drawn(shape, frame.placement, hulls) for shape in tool.shapes]
     for obstacle in cell.obstacles:
         about = {"body": WORLD_BODY, "name": obstacle.name, "role": "obstacle", "arm": ""}
-        found.append(about | drawn(obstacle.shape, pin.SE3.Identity(), hulls))
-    return found
+        rows.append(about | drawn(obstacle.shape, pin.SE3.Identity(), hulls))
+    return rows
 
 
 def tcp(model: pin.Model, cell: Cell, arm: str) -> tuple[int, pin.SE3]:

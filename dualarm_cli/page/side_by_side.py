@@ -20,10 +20,10 @@ from dualarm_cli.report.comparison.comparison import (
     varied_solvers,
 )
 
-SAME = 0.0005
-"""Stages whose lengths differ by less are equally long [s]."""
-NARROWEST = 1100
-"""Width that a page needs [CSS pixels]."""
+TIME_TOLERANCE = 0.0005
+"""Time tolerance of equally long stages [s]."""
+MIN_WIDTH = 1100
+"""Minimum width of one plan's page [CSS pixels]."""
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -57,7 +57,7 @@ const plans = [...document.querySelectorAll("script.plan")];
 const rows = [...document.querySelectorAll("tbody tr")];
 let frames = [], time = 0;
 
-/** Shows plans from left to right; those that are shown already stay. */
+/** Shows plans from left to right; plans already shown stay. */
 function open(numbers) {{
   const former = frames;
   frames = numbers.map((plan, k) => {{
@@ -77,7 +77,7 @@ function open(numbers) {{
   fit();
 }}
 
-/** Makes pages smaller that are narrower than they can be. */
+/** Zooms pages out that are narrower than their minimum width. */
 function fit() {{
   const size = Math.min(1, innerWidth / frames.length / {narrowest});
   frames.forEach((one) => (one.frame.style.zoom = size));
@@ -98,10 +98,10 @@ setInterval(() => {{
   }});
 }}, 30);
 
-/** Does what a row is for: shows its plan beside the one it is compared with, or puts both to its stage. */
+/** Shows a row's plan next to its reference plan, or moves both plans to the row's stage. */
 function choose(row) {{
-  const {{ plan, beside, a, b }} = row.dataset;
-  if (plan !== undefined) return open([...new Set([Number(beside), Number(plan)])]);
+  const {{ plan, reference, a, b }} = row.dataset;
+  if (plan !== undefined) return open([...new Set([Number(reference), Number(plan)])]);
   frames.forEach((one) => clock(one)?.pause());
   if (frames.every((one) => clock(one)?.ready)) frames.forEach((one, k) => show(one, Number([a, b][k])));
 }}
@@ -143,7 +143,7 @@ def stages_table(stages: Sequence[ComparedStage]) -> PageTable:
 
 def _stage_row(stage: ComparedStage) -> PageRow:
     change = stage.difference
-    mark = "bad" if change > SAME else "good" if change < -SAME else ""
+    mark = "bad" if change > TIME_TOLERANCE else "good" if change < -TIME_TOLERANCE else ""
     signed = f"{change:+.3f}".replace("-", "−") if mark else "0.000"
     texts = [PageCell(text) for text in (*stage.numbers, stage.work, *stage.lengths)]
     cells = [*texts, PageCell(signed, mark), PageCell(stage.cause)]
@@ -157,13 +157,13 @@ def side_by_side(
     plans: Sequence[Mapping[str, Any]],
     first: Sequence[int],
 ) -> bytes:
-    """Returns one HTML file with plans, of which one or two are in sight, on one clock.
+    """Build one HTML file that shows one or two of its plans on one clock.
 
     Args:
         title: of the file.
         sentence: above the tables.
-        tables: rows with the data `plan` and `beside` show plans, by their places; rows with `a` and `b` put the left
-            plan and the right one to these times [s].
+        tables: rows with the data `plan` and `reference` show the plans of these numbers; rows with `a` and `b` move
+            the left and the right plan to these times [s].
         plans: data of their pages (`page_data`), held once, as is the code that shows them.
         first: places of the plans in sight at first.
 
@@ -182,12 +182,12 @@ def side_by_side(
             for plan in plans
         ),
         "first": script_json(list(first)),
-        "narrowest": NARROWEST,
+        "narrowest": MIN_WIDTH,
     }
     return _PAGE.format(**words).encode("utf-8", "backslashreplace")
 
 
-TITLE, HINT = "Methods compared", "A click on a method shows its plan beside the fastest one."
+TITLE, HINT = "Methods compared", "Click a method to show its plan next to the fastest one."
 _MARKS = {"verified": "good", "failed": "bad", "infeasible": "bad", "not served": ""}
 
 PlanKey = tuple[str, ...]
@@ -244,17 +244,17 @@ def _table(section: dict[str, Any], places: Mapping[int, int]) -> PageTable:
     names = [(name, False) for name in ("method", *varied)]
     numbers = [(n, True) for n in ("cycle s", "loss s", "loss", "to the bound", "clearance mm")]
     best = min((row["cycle_time"] for row in rows if row["status"] == "verified"), default=None)
-    found = []
+    page_rows = []
     for k, row in enumerate(rows):
         cells = [PageCell(row[key]) for key in ("method", *varied)]
         cells += [PageCell(text) for text in _figures(row, best)]
         plan = row["status"] + (f": {row['reason']}" if row["reason"] else "")
         mark = "warn" if row["status"] == "verified" and row["caveats"] else _MARKS[row["status"]]
         cells.append(PageCell(plan + exceptions(row["caveats"]), mark))
-        data = {"plan": places[k], "beside": min(places.values())} if k in places else {}
-        found.append(PageRow(cells, data))
+        data = {"plan": places[k], "reference": min(places.values())} if k in places else {}
+        page_rows.append(PageRow(cells, data))
     columns = [*names, *numbers, ("plan", False)]
-    return PageTable(title, columns, found, note=section["sentence"])
+    return PageTable(title, columns, page_rows, note=section["sentence"])
 
 
 def _figures(row: Mapping[str, Any], best: float | None) -> list[str]:

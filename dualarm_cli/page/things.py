@@ -29,7 +29,7 @@ def things(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dict[str, An
         hulls: where hulls of meshes are put.
     """
     follow = _Follower(schedule, job)
-    found = []
+    rows = []
     tasks: dict[str, list[Task]] = {}
     for task in job.tasks:
         if not task.is_change:
@@ -38,23 +38,23 @@ def things(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dict[str, An
         events = [e for e in schedule.events if e.task == name and e.action in CHANGES]
         if events:
             shapes = job.cell.parts.get(shares[0].part, ())
-            rows = [drawn(shape, pin.SE3.Identity(), hulls) for shape in shapes]
+            drawn_solids = [drawn(shape, pin.SE3.Identity(), hulls) for shape in shapes]
             grips = {task.arm: job.cell.T_own_tool(task.arm, task.tool) for task in shares}
             steps = follow.keyframes(events, grips)
-            found.append({"name": name, "role": "part", "solids": rows, "keyframes": steps})
+            rows.append({"name": name, "role": "part", "solids": drawn_solids, "keyframes": steps})
     for arm, changes in job.cell.tool_changes.items():
         for tool, changed in changes.tools.items():
             shapes, _ = job.cell.held_shapes(arm, Held(tool))
-            rows = [drawn(shape, pin.SE3.Identity(), hulls) for shape in shapes]
-            own = {t.id for t in job.tasks if t.is_change and (t.arm, t.tool) == (arm, tool)}
-            events = [e for e in schedule.events if e.arm == arm and e.task in own]
+            drawn_solids = [drawn(shape, pin.SE3.Identity(), hulls) for shape in shapes]
+            swaps = {t.id for t in job.tasks if t.is_change and (t.arm, t.tool) == (arm, tool)}
+            events = [e for e in schedule.events if e.arm == arm and e.task in swaps]
             if changes.start == tool:
                 first = follow.carried(arm, pin.SE3.Identity(), 0.0)
             else:
                 first = _lying(changed.stand, 0.0)
             steps = follow.keyframes(events, {arm: pin.SE3.Identity()}, first)
-            found.append({"name": tool, "role": "tool", "solids": rows, "keyframes": steps})
-    return found
+            rows.append({"name": tool, "role": "tool", "solids": drawn_solids, "keyframes": steps})
+    return rows
 
 
 def while_they_are_there(
@@ -68,23 +68,23 @@ def while_they_are_there(
         job: as it was done.
     """
     tools = ToolModel(schedule)
-    motion, found = ExecutedJob(schedule, job, line_spans(schedule, job, tools), tools), []
+    motion, shown = ExecutedJob(schedule, job, line_spans(schedule, job, tools), tools), []
     lives = {lying.key: motion.lies(lying) for lying in lying_parts(job, motion.visits)}
     for thing in rows:
         steps = [dict(step) for step in thing["keyframes"]]
         for key, event in motion.events.items():
             stop = motion.stops[key][1]
-            known = isinstance(stop.target, PoseTarget) and thing["role"] == "part"
-            if key[1] != thing["name"] or not known or not thing["solids"]:
+            is_positioned = isinstance(stop.target, PoseTarget) and thing["role"] == "part"
+            if key[1] != thing["name"] or not is_positioned or not thing["solids"]:
                 continue
             begin, end = lives.get(key, (event.changes_held, event.changes_held))
             if stop.action == "pick":
-                gone = begin * np.array(steps[0]["velocity"])
-                steps[0] |= {"time": begin, "xyz": (np.array(steps[0]["xyz"]) + gone).tolist()}
+                offset = begin * np.array(steps[0]["velocity"])
+                steps[0] |= {"time": begin, "xyz": (np.array(steps[0]["xyz"]) + offset).tolist()}
             elif stop.action == "place" and end < schedule.duration:
                 steps.append({**steps[-1], "time": end, "body": None})
-        found.append({**thing, "keyframes": steps})
-    return found
+        shown.append({**thing, "keyframes": steps})
+    return shown
 
 
 class _Follower:
@@ -118,7 +118,7 @@ class _Follower:
             if event.action in TAKES:
                 T_tcp_thing = self._tcp_pose(event.arm, time).actInv(pose)
                 steps.append(self.carried(event.arm, T_tcp_thing, time))
-            elif event.action != "give":  # who gives lets go when the other one has it
+            elif event.action != "give":  # a giving arm releases it after the other's grip
                 steps.append(_lying(pose, time, event.velocity))
         return steps
 
@@ -142,11 +142,11 @@ class _Follower:
 
     def _pose(self, step: dict[str, Any], time: float) -> pin.SE3:
         """Compute the world pose of an object at a time after its last keyframe."""
-        own = pin.SE3(pin.Quaternion(np.array(step["quat"])).matrix(), np.array(step["xyz"]))
+        pose = pin.SE3(pin.Quaternion(np.array(step["quat"])).matrix(), np.array(step["xyz"]))
         if step["body"] != WORLD_BODY:
-            return self._bodies(time)[step["body"]] * own
-        gone = (time - step["time"]) * np.array(step["velocity"])
-        return pin.SE3(np.eye(3), gone) * own
+            return self._bodies(time)[step["body"]] * pose
+        offset = (time - step["time"]) * np.array(step["velocity"])
+        return pin.SE3(np.eye(3), offset) * pose
 
     def _bodies(self, time: float) -> Sequence[pin.SE3]:
         positions = self.trajectory.at(np.array([time]))[0][0]

@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.cli.run import run
-from dualarm_cli.page.live import HOST, MOST_OPEN, LivePage
+from dualarm_cli.page.live import HOST, MAX_CONNECTIONS, LivePage
 from dualarm_cli.page.page import page_html
 
 PATIENCE = 60.0
@@ -51,7 +51,7 @@ def test_each_page_has_a_version_of_its_own(live: LivePage, built: Path) -> None
 
 
 def test_what_is_wrong_is_shown_as_text(live: LivePage) -> None:
-    live.tell("No plan", "tasks.yaml:3:5: <script>alert(1)</script>", "hint")
+    live.show_text("No plan", "tasks.yaml:3:5: <script>alert(1)</script>", "hint")
     shown = fetched(live.address)
     assert "tasks.yaml:3:5: &lt;script&gt;alert(1)&lt;/script&gt;" in shown
 
@@ -68,9 +68,9 @@ def test_idle_connections_are_closed_and_keep_nobody_waiting(
         assert "shown" in fetched(live.address)
         assert idle[0].recv(1) == b""
         until = time.monotonic() + 10.0
-        while threading.active_count() > before + MOST_OPEN and time.monotonic() < until:
+        while threading.active_count() > before + MAX_CONNECTIONS and time.monotonic() < until:
             time.sleep(0.01)
-        assert threading.active_count() <= before + MOST_OPEN
+        assert threading.active_count() <= before + MAX_CONNECTIONS
     finally:
         for connection in idle:
             connection.close()

@@ -100,7 +100,7 @@ def test_methods_are_shown_beside_the_fastest_one(
     planned = [row for row in section["rows"] if row["cycle_time"] is not None]
     assert [plan["duration"] for plan in plans_in(text)] == [row["cycle_time"] for row in planned]
     for k, row in enumerate(planned):
-        assert f'data-plan="{k}" data-beside="0"><td>{row["method"]}</td>' in text
+        assert f'data-plan="{k}" data-reference="0"><td>{row["method"]}</td>' in text
         loss = row["cycle_time"] - planned[0]["cycle_time"]
         shown = f"+{loss:.3f}" if loss >= 0.0005 else "0.000"
         assert f'{row["cycle_time"]:.3f}</td><td class="number">{shown}</td>' in text

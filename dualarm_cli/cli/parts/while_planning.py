@@ -218,6 +218,6 @@ def _plan_once(live: LivePage, page: Path, plan: Callable[[], None]) -> None:
     except DualArmError as error:
         text = render(error.diagnostics) if isinstance(error, InputError) else str(error)
         print_message(text)
-        live.tell("No plan", text, "This page reloads when a file of the job changes.")
+        live.show_text("No plan", text, "This page reloads when a file of the job changes.")
         return
     live.show(page.read_bytes())
