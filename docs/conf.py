@@ -12,10 +12,13 @@ from dualarm_cli import __version__
 
 project = "dualarm"
 release = version = __version__
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx_copybutton"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 exclude_patterns = ["_build"]
+copybutton_selector = ", ".join(
+    f"div.highlight-{language} pre" for language in ("sh", "yaml", "python")
+)
 smartquotes = False  # options begin with two minus signs
 
 html_theme = "furo"

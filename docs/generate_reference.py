@@ -49,6 +49,11 @@ CHECKS_OF = {
     "`collisions` of the motion as it was driven.",
 }
 """Sentences under headings of checks."""
+PAGES = (
+    *("tasks", "cell", "robot", "study", "points", "base", "schedule", "report"),
+    *("commands", "solvers", "checks", "errors", "python"),
+)
+"""Pages of the reference in the order of the menu."""
 NOTE = "<!-- Written by docs/generate_reference.py: change the code, not this page. -->\n"
 
 
@@ -106,6 +111,7 @@ def _index() -> str:
                 if isinstance(dimension, Dimension)
             ]
         ),
+        "\n".join(["```{toctree}", ":hidden:", "", *PAGES, "```"]),
     )
 
 
@@ -434,7 +440,7 @@ def _kind(kind: type) -> str:
 
 def _option_default(option: Any) -> str:
     value = option.show_default if isinstance(option.show_default, str) else option.default
-    if value is None or isinstance(value, bool) or callable(value) or value in ((), []):
+    if value is None or isinstance(value, bool) or callable(value) or value in ((), [], ""):
         return ""
     value = getattr(value, "value", value)
     return value if " " in str(value) and value is option.show_default else f"`{value}`"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,39 @@ def test_every_page_is_in_the_navigation(site: Path) -> None:
         str(page) for page in pages if f'href="{page}"' not in front and str(page) != "index.html"
     ]
     assert missing == []
+
+
+def test_the_menu_is_the_readmes_table(site: Path) -> None:
+    """Five groups in the order of need, and in each the pages as the README has them; `next` follows that path."""
+    index = (DOCS / "index.md").read_text()
+    menu = {}
+    for caption, pages in re.findall(r":caption: (.+)\n:hidden:\n\n((?:.+\n)+?)```", index):
+        menu[caption] = pages.split()
+    groups = ["Start", "Describe", "Decide", "Show", "Automate"]
+    assert list(menu) == [*groups, "Look up"]
+    table = (DOCS.parent / "README.md").read_text().split("| you want … | page |")[1]
+    for group, rows in zip(groups, re.split(r"\| \*\*\w+\*\* \| \|\n", table)[1:], strict=False):
+        linked = re.findall(r"\| \[[^\]]+\]\(docs/([\w/-]+)\.md\)", rows)
+        assert linked == menu[group], group
+    path = [page for group in groups for page in menu[group]]
+    for page, following in pairwise(path):
+        html = (site / f"{page}.html").read_text()
+        after = re.search(r'class="next-page" href="([^"]+)"', html)
+        assert after is not None, page
+        assert after[1].split("/")[-1] == f"{following.split('/')[-1]}.html", page
+
+
+def test_titles_of_the_path_are_imperatives() -> None:
+    """One grammar: each begins with the verb of what the reader wants to do."""
+    verbs = "Get|Start|Find|Describe|See|Keep|Follow|Work|Pass|Pick|Change|Measure|Leave|Move|Compare|Watch|Export|Plan"
+    for page in [DOCS / "getting-started.md", *(DOCS / "how-to").glob("*.md")]:
+        assert re.match(rf"# ({verbs}) ", page.read_text()), page.name
+
+
+def test_commands_can_be_copied(site: Path) -> None:
+    """The button is on commands, files and scripts, and not on what a command prints."""
+    script = (site / "_static" / "copybutton.js").read_text()
+    assert "div.highlight-sh pre, div.highlight-yaml pre, div.highlight-python pre" in script
 
 
 def test_external_links_are_whole(site: Path) -> None:

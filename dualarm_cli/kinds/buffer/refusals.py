@@ -15,7 +15,7 @@ REFUSALS = KindRefusals(
             "Change `capacity` or `initial`.",
         ),
         "error[E605]: buffer 'tray' holds 0 of at most 2 parts before stage 1, …",
-        "how-to/buffers.md",
+        "how-to/orders.md",
     ),
     {
         "buffer_in_stage": "buffer '{buffer}' holds {measured} of at most {allowed} parts before stage {stage}, in "
