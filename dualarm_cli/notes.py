@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from string import Formatter
 from typing import Any
+
+MAX_LISTED = 8
+"""Maximum number of names in a list of a note."""
 
 
 class Note(str):
@@ -23,22 +26,29 @@ class Note(str):
         note.topic, note.key, note.more = topic, key, more
         return note
 
-    @classmethod
-    def of(cls, sentences: Mapping[str, str], topic: str, key: str, **more: Any) -> Note:
-        """Make a note by filling in a sentence of a table.
 
-        Args:
-            sentences: the table, by key.
-            topic: topic of the note.
-            key: key of the sentence.
-            more: data for the sentence.
-        """
-        return cls(filled(sentences[key], more), topic, key, **more)
+class NoteTable:
+    """Sentences of the notes on one topic; a call makes a note."""
+
+    def __init__(self, topic: str, **sentences: str) -> None:
+        """Store the topic, and its sentences by key."""
+        self.topic, self.sentences = topic, sentences
+
+    def __call__(self, key: str, **more: Any) -> Note:
+        """Make a note by filling data into the sentence of a key."""
+        return Note(filled(self.sentences[key], more), self.topic, key, **more)
 
 
 def is_about(note: str, *topics: str) -> bool:
     """Check whether a note has one of several topics; plain text has none."""
     return isinstance(note, Note) and note.topic in topics
+
+
+def listed(names: Sequence[str]) -> str:
+    """Join names for a note, only the first of many."""
+    shown = ", ".join(names[:MAX_LISTED])
+    more = len(names) - MAX_LISTED
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def millimetres(length: float) -> str:
@@ -50,8 +60,8 @@ def millimetres(length: float) -> str:
 class _SentenceFormatter(Formatter):
     """Formatter with further specs for sentences.
 
-    `mm` formats lengths, `and` joins quoted items, `*` joins items by the text after it, `singular|plural` chooses by
-    number, with `#` for the number, or by a flag.
+    `mm` formats lengths, `and` joins quoted items, `*` joins items by the text after it, `listed` joins the first items
+    of many, `singular|plural` chooses by number, with `#` for the number, or by a flag.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:
@@ -60,6 +70,8 @@ class _SentenceFormatter(Formatter):
             return millimetres(value)
         if format_spec == "and":
             return " and ".join(f"'{item}'" for item in value)
+        if format_spec == "listed":
+            return listed(value)
         if format_spec.startswith("*"):
             return format_spec[1:].join(map(str, value))
         if "|" in format_spec:

@@ -212,13 +212,10 @@ def _written(node: ast.AST) -> bool:
     )
 
 
-def test_notes_of_plans_are_data() -> None:
-    """Rooms that plan fill in sentences of tables (`Note.of`, `Refusal`); none writes notes or causes as text."""
-    rooms = {"bound", "clearing", "kinds", "orders", "planning", "stages"}
+def test_notes_are_data() -> None:
+    """Notes and causes are sentences of tables (`NoteTable`, `Refusal`), filled in; none is written where it stands."""
     found = []
     for name, path in modules().items():
-        if not {*name.split(".")[1:2]} & rooms:
-            continue
         for node in nodes(path):
             added: list[ast.AST] = []
             if isinstance(node, ast.Call):
@@ -233,6 +230,53 @@ def test_notes_of_plans_are_data() -> None:
                 added = [node.value]
             found += [(name, ast.unparse(one)) for one in added if _written(one)]
     assert found == []
+
+
+def _note_tables() -> dict[tuple[str, str], set[str]]:
+    """Collect the keys of each table of notes, by its module and name."""
+    tables, made = {}, 0
+    for module, path in modules().items():
+        for node in nodes(path):
+            is_table = isinstance(node, ast.Call) and ast.unparse(node.func) == "NoteTable"
+            made += is_table
+            if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("NoteTable("):
+                tables[module, node.targets[0].id] = {word.arg for word in node.value.keywords}
+    assert made == len(tables), "a table has a name in its module"
+    return tables
+
+
+def _possible_keys(key: ast.AST) -> set[str]:
+    """Collect the keys that an argument may be: a text, or a choice of texts."""
+    if isinstance(key, ast.IfExp):
+        return _possible_keys(key.body) | _possible_keys(key.orelse)
+    assert isinstance(key, ast.Constant), (
+        f"the key of a note is written where it is made: {ast.unparse(key)}"
+    )
+    return {key.value}
+
+
+def test_every_sentence_of_a_note_is_used_and_exists() -> None:
+    """A key without a sentence would fail where a note is due; a sentence that nothing makes goes."""
+    tables = _note_tables()
+    assert len(tables) > 15
+    used: dict[tuple[str, str], set[str]] = {table: set() for table in tables}
+    for module, path in modules().items():
+        table_of = {name: (home, name) for home, name in tables if home == module}
+        for node in nodes(path):
+            if isinstance(node, ast.ImportFrom):
+                table_of |= {
+                    alias.asname or alias.name: (node.module, alias.name)
+                    for alias in node.names
+                    if (node.module, alias.name) in tables
+                }
+            elif isinstance(node, ast.Assign):
+                part = re.match(r"partial\((\w+),", ast.unparse(node.value))
+                if part and part[1] in table_of:
+                    table_of[ast.unparse(node.targets[0])] = table_of[part[1]]
+        for node in nodes(path):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in table_of:
+                used[table_of[node.func.id]] |= _possible_keys(node.args[0])
+    assert used == tables
 
 
 def test_every_refusal_has_a_sentence_that_is_used():

@@ -22,9 +22,7 @@ idea to bound pairs of cells instead of nodes comes from interval methods.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import field, replace
-from functools import partial
 
 import numpy as np
 
@@ -33,38 +31,37 @@ from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.rest_to_rest import at_rest
-from dualarm_cli.notes import Note
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
 from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
 
-SENTENCES: Mapping[str, str] = {
-    "order": "lower bound: valid for every plan of these stages, with any platform angles, postures, yaws and "
+bound_note = NoteTable(
+    "lower bound",
+    order="lower bound: valid for every plan of these stages, with any platform angles, postures, yaws and "
     "timing. It assumes stops at the ends of all transfers and lines, lines that are followed exactly, and a "
     "platform that stands during lines and dwells",
-    "all_orders": "lower bound: valid for every assignment and order of these tasks. It counts the shortest time "
+    all_orders="lower bound: valid for every assignment and order of these tasks. It counts the shortest time "
     "of each task alone, divided between the arms; transfers between tasks count as zero, tool changes as the "
     "fewest visits to stands",
-    "own_clocks": "lower bound: valid for every plan of asynchronous arms in this order. It is the time of the "
+    own_clocks="lower bound: valid for every plan of asynchronous arms in this order. It is the time of the "
     "slower arm's stops with a platform that moves for this arm only",
-    "dwells_only": "lower bound: tasks after the first {tasks} count with their dwells only",
-    "paths": "lower bound: paths and seams count at full speed, from rest to rest, where the file has them; an idle "
-    "arm stands still. Transfers to and from them count where the file gives the tool's pose or a duration",
-    "open_paths": "lower bound: paths and seams count at full speed. Transfers to and from them count with the "
+    dwells_only="lower bound: tasks after the first {tasks} count with their dwells only",
+    paths="lower bound: paths and seams count at full speed, from rest to rest, where the file has them; an "
+    "idle arm stands still. Transfers to and from them count where the file gives the tool's pose or a duration",
+    open_paths="lower bound: paths and seams count at full speed. Transfers to and from them count with the "
     "duration in the file only, because their order is open",
-    "paths_alone": "lower bound: paths and seams count at full speed. On this robot all other stages count as "
+    paths_alone="lower bound: paths and seams count at full speed. On this robot all other stages count as "
     "zero, and transfers to and from paths and seams with the duration in the file only",
-    "no_closed_forms": "lower bound: none for arms without closed forms",
-    "rail": "lower bound: none for a platform that slides; frozen at a position (`frozen`) there is one",
-    "turning_wrists": "lower bound: none for arms of six axes on a platform that turns",
-    "passed_targets": "lower bound: none with `blend` at targets of moves, because tools need not reach them",
-    "interrupted": "lower bound: none, as its computation was interrupted",
-}
-"""Notes on the assumptions of a bound, or on its absence, by key."""
-bound_note = partial(Note.of, SENTENCES, "lower bound")
-"""Make a note on a bound from its key and data."""
+    no_closed_forms="lower bound: none for arms without closed forms",
+    rail="lower bound: none for a platform that slides; frozen at a position (`frozen`) there is one",
+    turning_wrists="lower bound: none for arms of six axes on a platform that turns",
+    passed_targets="lower bound: none with `blend` at targets of moves, because tools need not reach them",
+    interrupted="lower bound: none, as its computation was interrupted",
+)
+"""Notes on the assumptions of a bound, or on its absence."""
 ROUNDED_DOWN = 1.0 - 1e-5
 """Factor that covers the rounding of bounds in single precision."""
 
@@ -82,9 +79,9 @@ class LowerBound:
     """Notes on the plans for which the bound holds, or on its absence."""
 
 
-def no_bound(why: str) -> LowerBound:
-    """Make the result of a job without a bound from the reason's key."""
-    return LowerBound(None, (bound_note(why),))
+def no_bound(why: Note) -> LowerBound:
+    """Make the result of a job without a bound from the reason."""
+    return LowerBound(None, (why,))
 
 
 @dataclass(frozen=True)

@@ -167,9 +167,9 @@ class JobBound:
         """Compute the bound, or the reason for its absence."""
         stops = [stop for task in self.job.tasks for stop in task.stops]
         if any(stop.blend > 0.0 and self.blending.passes(stop) for stop in stops):
-            return no_bound("passed_targets")
+            return no_bound(bound_note("passed_targets"))
         if reason := next((kind.unbounded for kind in self.kinds if kind.unbounded), None):
-            return LowerBound(None, (reason,))
+            return no_bound(reason)
         bound = self._of_job(self.blending.straight(self.job))
         assumption = self.blending.assumption
         # A bound of paths and seams alone counts no stops.
@@ -200,18 +200,18 @@ class JobBound:
         """Bound the stages of a decided job."""
         return lower_bound(sequence_problem(self.model, job).under(self.blending.law), self.effort)
 
-    def _why_unbounded(self) -> str:
-        """Return the key of the reason against bounding stages, or an empty text."""
+    def _why_unbounded(self) -> Note | None:
+        """Return the reason against bounding stages, or None."""
         job, robot = self.job, self.job.cell.robot
         if any(arm.kinematics.solves_by_search for arm in self.model.arms.values()):
-            return "no_closed_forms"
+            return bound_note("no_closed_forms")
         # The cells of the bound cover one platform joint. Several platform joints keep their start position, except
         # along paths and seams, so that stages after these begin elsewhere.
         if len(robot.platform) == 1:
             if robot.sliding.issuperset(robot.platform):
-                return "rail"
-            return "" if self.model.has_arm_angles else "turning_wrists"
-        return "paths_alone" if robot.platform and job.in_sections else ""
+                return bound_note("rail")
+            return None if self.model.has_arm_angles else bound_note("turning_wrists")
+        return bound_note("paths_alone") if robot.platform and job.in_sections else None
 
     def over_all_orders(self, job: Job) -> LowerBound:
         """Bound a job over all orders and assignments.

@@ -32,6 +32,7 @@ from dualarm_cli.errors import InfeasibleError, UsageError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.geometry.rotations import skew
 from dualarm_cli.model.touches import Touches, TouchSide
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
@@ -177,11 +178,19 @@ def _unseen(sight: Sight, names: list[str], points: int) -> Refusal:
     return Refusal("tools_unseen", measured=points, allowed=least, more=more)
 
 
-UNSEEN_HEIGHT = (
-    "base_height cannot be observed from joint readings alone: a robot mounted higher by h has "
-    "the same joint readings at the same points, and the transform absorbs h; "
-    "measure the points' coordinates as well (xyz beside joints)"
+_note = NoteTable(
+    "calibration",
+    unseen_height="{side}: base_height cannot be observed from joint readings alone: a robot mounted higher by "
+    "h has the same joint readings at the same points, and the transform absorbs h; measure the points' "
+    "coordinates as well (xyz beside joints)",
+    joints_alone="tools were fitted from joint readings alone, with the transform (nonlinear least squares); "
+    "base heights cannot be observed this way: the transform absorbs them",
+    exact_tools="the transform's uncertainty treats fitted tools and heights as exact",
+    readings_differ="{side}: joint readings and coordinates of the same points differ by up to {off:.4g} mm, "
+    "more than a noise of {noise:g} mm explains; check the tool and robot files, or fit them: "
+    "--fit tool,base_height",
 )
+"""Notes on a calibration."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +209,7 @@ class Calibration:
     """Fitted tools by side."""
     second_joint: dict[str, float] = field(default_factory=dict)
     """Height of the second joint's axis above the base, with the fitted height [m], by side."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     """Notes on the method for the reader."""
 
 
@@ -239,7 +248,7 @@ def calibrate(touches: Touches, method: str, use: str) -> Calibration:
     elif joint_fit is not None:
         solution = CalibrationSolution(solution.rotation, solution.translation, None, None)
     elif tools:
-        notes.append("the transform's uncertainty treats fitted tools and heights as exact")
+        notes.append(_note("exact_tools"))
     notes += readings
     return Calibration(
         method,
@@ -252,7 +261,7 @@ def calibrate(touches: Touches, method: str, use: str) -> Calibration:
     )
 
 
-def _measured_fits(touches: Touches) -> tuple[dict[str, ToolFit], list[str]]:
+def _measured_fits(touches: Touches) -> tuple[dict[str, ToolFit], list[Note]]:
     """Fit the robots that have joint readings and coordinates of the same points.
 
     Returns fits by side, and notes.
@@ -264,19 +273,19 @@ def _measured_fits(touches: Touches) -> tuple[dict[str, ToolFit], list[str]]:
             continue
         flanges = flange_poses(touch.robot, touch.joints[both])
         tools[side] = fit_tool(flanges, touch.xyz[both], touch.tcp, touches.fit, touches.noise)
-    notes = []
+    notes = list[Note]()
     if "base_height" in touches.fit and len(tools) < 2:
         sides = [
             side
             for side, touch in touches.sides.items()
             if side not in tools and touch.robot is not None
         ]
-        notes = [f"{side}: {UNSEEN_HEIGHT}" for side in sides]
+        notes = [_note("unseen_height", side=side) for side in sides]
     return tools, notes
 
 
 def _joint_fit(
-    touches: Touches, tools: dict[str, ToolFit], use: str, notes: list[str]
+    touches: Touches, tools: dict[str, ToolFit], use: str, notes: list[Note]
 ) -> JointFit | None:
     """Fit the tools that only the transform can determine, or return None."""
     if not touches.fit:
@@ -293,10 +302,7 @@ def _joint_fit(
         tips = _tips(side, touch, tools.get(side), use)
         sides[side] = Side(flanges, tips, touch.tcp)
     fit = fit_tools_and_pose(sides, touches.noise)
-    notes.append(
-        "tools were fitted from joint readings alone, with the transform (nonlinear least squares); base heights "
-        "cannot be observed this way: the transform absorbs them"
-    )
+    notes.append(_note("joints_alone"))
     return fit
 
 
@@ -306,7 +312,7 @@ def _tips(side: str, touch: TouchSide, fit: ToolFit | None, use: str) -> FloatAr
     return touched_points(side, touch, use, fit.tool(touch.tcp), fit.value(HEIGHT, 0.0))
 
 
-def _readings_disagree(touches: Touches, tools: dict[str, ToolFit]) -> list[str]:
+def _readings_disagree(touches: Touches, tools: dict[str, ToolFit]) -> list[Note]:
     """List discrepancies of coordinates and joint readings that noise does not explain."""
     found = []
     for side, touch in touches.sides.items():
@@ -319,11 +325,7 @@ def _readings_disagree(touches: Touches, tools: dict[str, ToolFit]) -> list[str]
         off = readings_apart(apart, touches.noise, fitted)
         if off is not None:
             noise = LEVELS.touch_noise if touches.noise is None else touches.noise
-            found.append(
-                f"{side}: joint readings and coordinates of the same points differ by up to "
-                f"{off * 1000:.4g} mm, more than a noise of {noise * 1000:g} mm explains; "
-                "check the tool and robot files, or fit them: --fit tool,base_height"
-            )
+            found.append(_note("readings_differ", side=side, off=off * 1e3, noise=noise * 1e3))
     return found
 
 

@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import field
-from functools import partial
 
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.motion.transfers import MotionCache
-from dualarm_cli.notes import Note
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
 
-SENTENCES: Mapping[str, str] = {
-    "done": "clearance: {done:*, }; with stops at all lines' ends, compared with the plan without collision "
+_note = NoteTable(
+    "clearance",
+    done="clearance: {done:*, }; with stops at all lines' ends, compared with the plan without collision "
     "checking ({unchecked:.3f} s), {effect}",
-    "replanned": "other postures or platform angles were chosen",
-    "slower": "a slower, collision-free plan was chosen",
-    "waits": "{arm} waits {seconds:.2f} s in stage {stage}",
-    "detour": "{arm} makes a detour in stage {stages:*}",
-    "detours": "{arm} makes {stages:#|#} detours (stages {stages:*, })",
-    "longer": "this costs {seconds:.3f} s",
-    "shorter": "it is {seconds:.3f} s shorter: the method does not always find the fastest plan",
-    "dear": "clearance costs {share:.0%} of the cycle time: other methods (`dualarm compare solvers`) or another "
+    replanned="other postures or platform angles were chosen",
+    slower="a slower, collision-free plan was chosen",
+    waits="{arm} waits {seconds:.2f} s in stage {stage}",
+    detour="{arm} makes a detour in stage {stages:*}",
+    detours="{arm} makes {stages:#|#} detours (stages {stages:*, })",
+    longer="this costs {seconds:.3f} s",
+    shorter="it is {seconds:.3f} s shorter: the method does not always find the fastest plan",
+    dear="clearance costs {share:.0%} of the cycle time: other methods (`dualarm compare solvers`) or another "
     "cell layout may be faster",
-}
-"""Notes on clearance, by key."""
-_note = partial(Note.of, SENTENCES, "clearance")
+)
 DETOURS_STRAIGHT = Note(
     "sensitivity: transfers that wait or are curved to avoid collisions count as straight ones, and their extra time "
     "as constant",
@@ -95,8 +93,7 @@ def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[Note]:
             for arm in stage.detours:
                 detours.setdefault(arm, []).append(k)
     for arm, stages in detours.items():
-        key = "detour" if len(stages) == 1 else "detours"
-        changed.append(_note(key, arm=arm, stages=stages))
+        changed.append(_note("detour" if len(stages) == 1 else "detours", arm=arm, stages=stages))
     replanned = any(plan.replanned for plan, _ in parts)
     done = [_note("replanned"), *changed] if replanned else changed
     costs = [plan.cost for plan, _ in parts if plan.cost is not None]

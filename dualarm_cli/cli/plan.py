@@ -42,6 +42,7 @@ from dualarm_cli.cli.parts.output import (
 )
 from dualarm_cli.cli.report import PAGE
 from dualarm_cli.errors import Diagnostic, InputError, UsageError
+from dualarm_cli.notes import Note, NoteTable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -51,6 +52,11 @@ if TYPE_CHECKING:
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.settings import PlanSettings
 
+_note = NoteTable(
+    "rate",
+    reduced="schedule.csv: {rate:g} rows per second rather than {requested:g}, as at most {rows:,} rows are "
+    "written",
+)
 MAX_ROWS = 1_000_000
 """Maximum number of rows in the CSV file: about a gigabyte for fifteen joints."""
 PRELOADED = ("dualarm_cli.interface", "dualarm_cli.page.page", "ruckig", "highspy")
@@ -218,14 +224,13 @@ def refuse_rate(job: Job, rate: float) -> None:
         )
 
 
-def served_rate(duration: float, rate: float) -> tuple[float, list[str]]:
+def served_rate(duration: float, rate: float) -> tuple[float, list[Note]]:
     """Limit the rate of the CSV [Hz], with a note if it is reduced."""
     if duration * rate <= MAX_ROWS:
         return rate, []
     less = MAX_ROWS / duration
     less = math.floor(less) if less >= 1.0 else less
-    note = f"schedule.csv: {less:g} rows per second rather than {rate:g}, as at most {MAX_ROWS:,} rows are written"
-    return less, [note]
+    return less, [_note("reduced", rate=less, requested=rate, rows=MAX_ROWS)]
 
 
 def refuse_existing(folder: Path, force: bool) -> None:

@@ -11,10 +11,16 @@ from dualarm_cli.cli.parts.completion import complete_robot
 from dualarm_cli.cli.parts.options import read_quantity, refuse_plot
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 from dualarm_cli.errors import UsageError
+from dualarm_cli.notes import Note, NoteTable
 
 if TYPE_CHECKING:
     from dualarm_cli.model.cell import Cell
 
+_note = NoteTable(
+    "tools",
+    assumed="tools are assumed, no cell file names them: {tools:*; }",
+    tool="{arm}: along {axis} of the flange, {mm:.3g} mm long",
+)
 MOST_NODES = 400_000
 """Maximum number of points over all platform angles."""
 MAX_TILT = 90.0
@@ -107,7 +113,7 @@ def reach_command(
         print_message(f"written: {out}")
 
 
-def _cell(robot: str) -> tuple[Cell, list[str]]:
+def _cell(robot: str) -> tuple[Cell, list[Note]]:
     """Load the cell of an argument, with notes on assumptions."""
     from dualarm_cli.files.cells.cells import load_cell
     from dualarm_cli.files.robots.robots import load_robot
@@ -130,8 +136,8 @@ def _cell(robot: str) -> tuple[Cell, list[str]]:
     if any(tool.shapes or not tool.tcp.isIdentity() for tool in cell.tools.values()):
         return cell, []
     cell, tools = with_tools(cell)
-    tool_notes = [
-        f"{arm}: along {tool.axis} of the flange, {(tool.start + tool.length) * 1000:.3g} mm long"
+    assumed = [
+        _note("tool", arm=arm, axis=tool.axis, mm=(tool.start + tool.length) * 1e3)
         for arm, tool in tools.items()
     ]
-    return cell, [f"tools are assumed, no cell file names them: {'; '.join(tool_notes)}"]
+    return cell, [_note("assumed", tools=assumed)]

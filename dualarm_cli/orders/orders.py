@@ -11,6 +11,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import ANY, Job
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.orders.decided_jobs import decided
 from dualarm_cli.orders.free_orders import free_orders
 from dualarm_cli.orders.messages import (
@@ -40,14 +41,15 @@ from dualarm_cli.stages.plans.problem import Decisions
 
 NO_ORDER_FOUND = "no_order_found"
 """Refusal code if the search finds no order, without a proof that none exists."""
-PROVEN = "proven by dynamic programming to be the best of all orders on the grid of the search"
-"""Note on optimal orders of a single arm."""
-DYNAMIC = (
-    "found by dynamic programming over partial orders, with lower bounds on the remaining time"
+search_note = NoteTable(
+    "order search",
+    proven="proven by dynamic programming to be the best of all orders on the grid of the search",
+    dynamic="found by dynamic programming over partial orders, with lower bounds on the remaining time",
+    searched="found by removing tasks and inserting them again where the plan is then shortest",
+    timed="{cut:some|all} orders of {tasks} tasks were timed, {waits:with every choice of the waiting arm|"
+    "the k-th stops of all arms in one stage}",
 )
-"""Note on orders that the search for a lower bound found."""
-SEARCHED = "found by removing tasks and inserting them again where the plan is then shortest"
-"""Note on orders found by ruin and recreate."""
+"""Notes on the search that gave the orders."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +74,8 @@ class Orders:
     """Different orders, best first."""
     bound: float | None
     """Lower bound of all orders on the search's grid [s], or None."""
-    how: str
-    """Sentence on how the orders were found."""
+    search: Note
+    """Note on the search that gave the orders."""
 
     def gap(self, total: float) -> float | None:
         """Compute the optimality gap of an order on the search's grid; None without a bound.
@@ -166,20 +168,18 @@ class PairedSearch:
                 why = why_impossible(self.order, relax_stages(self.problem))
             if why is not None or not candidates:
                 raise why or InfeasibleError(Refusal(NO_ORDER_FOUND))
-        bound, how = None, SEARCHED
+        bound, search = None, search_note("searched")
         if all_timed:
-            fraction = "some" if watch.stopped else "all"
-            stages = "the k-th stops of all arms in one stage"
-            if self.problem.stores is not None:
-                stages = "with every choice of the waiting arm"
-            how = f"{fraction} orders of {tasks} tasks were timed, {stages}"
+            waits, cut = self.problem.stores is not None, watch.stopped is not None
+            search = search_note("timed", cut=cut, tasks=tasks, waits=waits)
         # The timed orders are no bound: they have no stages with an idle arm.
         if provable and not watch.stop():
             best = candidates[0]
             better, bound = proven_orders(
                 self.order, self.stages, self.problem, best, self.effort, watch
             )
-            how = DYNAMIC if better[0].total < best.total else how
+            if better[0].total < best.total:
+                search = search_note("dynamic")
             candidates = _distinct([*better, *candidates])
         if (bound is None or relax_stages(self.problem).timed) and not watch.stop():
             least = least_total(self.order, self.problem, self.effort, self.seed, watch)
@@ -188,7 +188,7 @@ class PairedSearch:
             # The moving targets will be elsewhere, so the bound does not hold.
             bound = None
         answers = [self._answer(order) for order in candidates]
-        return Orders(tuple(sorted(answers, key=lambda order: order.total)), bound or None, how)
+        return Orders(tuple(sorted(answers, key=lambda order: order.total)), bound or None, search)
 
     def _answer(self, stage_order: StageOrder) -> DecidedOrder:
         """Convert an order to a decided job, with its tool changes in the best stages."""
@@ -218,7 +218,9 @@ class PairedSearch:
     def as_it_is(self) -> Orders:
         """Convert the start order without any search."""
         assert self.start is not None  # it goes on from one
-        return Orders((self._answer(with_angles(self.problem, self.start)),), None, SEARCHED)
+        return Orders(
+            (self._answer(with_angles(self.problem, self.start)),), None, search_note("searched")
+        )
 
     def _is_late(self, stage_order: StageOrder) -> bool:
         """Test whether an order misses a window in the model of the search."""
@@ -332,6 +334,6 @@ def _alone(order: OrderModel, effort: str, seed: int, watch: Watch) -> Orders:
         raise why_impossible(order, relax_options(order.problem(0))) or InfeasibleError(
             Refusal(NO_ORDER_FOUND)
         )
-    how = PROVEN if orders.exact else SEARCHED
+    search = search_note("proven" if orders.exact else "searched")
     answers = [DecidedOrder(order.job, order.total) for order in orders.ranked]
-    return Orders(tuple(answers), orders.bound, how)
+    return Orders(tuple(answers), orders.bound, search)

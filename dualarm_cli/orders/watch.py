@@ -7,10 +7,15 @@ from collections.abc import Callable
 from dataclasses import field
 
 from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 
-INTERRUPTED = "it was interrupted"
-"""Reason for the end of a search that the user interrupted."""
+stop_note = NoteTable(
+    "early end",
+    interrupted="it was interrupted",
+    time_limit="its time limit is {seconds:g} s",
+)
+"""Reasons for the early end of a search."""
 
 
 class SeenEnoughError(BaseException):
@@ -27,8 +32,8 @@ class Watch:
     """Time limit [s]; None for the limits of the effort."""
     enough: Callable[[], bool] = lambda: False
     """Callback that returns whether the user has interrupted the search."""
-    stopped: str = ""
-    """Reason for an early end; empty without one."""
+    stopped: Note | None = None
+    """Reason for an early end, or None."""
     best: float | None = None
     """Least total of the search so far [s], or None."""
     bound: float | None = None
@@ -84,10 +89,10 @@ class Watch:
             ahead: expected duration of the next step [s], if that cannot be interrupted.
         """
         if self.enough():
-            self.stopped = self.stopped or INTERRUPTED
+            self.stopped = self.stopped or stop_note("interrupted")
             return True
         if self.limit is not None and self.elapsed() + ahead > self.limit:
-            self.stopped = self.stopped or f"its time limit is {self.limit:g} s"
+            self.stopped = self.stopped or stop_note("time_limit", seconds=self.limit)
             return True
         return False
 

@@ -19,7 +19,7 @@ from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.watch import Watch
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import dwell_note, platform_note
 from dualarm_cli.planning.planned_job import PlannedJob
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
@@ -131,16 +131,16 @@ def job_notes(job: Job) -> list[str]:
     if not idle:
         return []
     shown = [*idle[:3], "…"] if len(idle) > 3 else idle
-    return [planning_note("dwell", "none", stops=idle, shown=shown)]
+    return [dwell_note("none", stops=idle, shown=shown)]
 
 
 def platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
     """List notes on a platform that deviates from its solver."""
     notes: list[str] = []
     if model.platform.joints and not model.platform.is_chosen:
-        notes.append(planning_note("platform", "held"))
+        notes.append(platform_note("held"))
     reached = [k for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
     if reached:
         more = {"stages": reached, "rail": model.platform.is_rail}
-        notes.append(planning_note("platform", "reach", **more))
+        notes.append(platform_note("reach", **more))
     return notes

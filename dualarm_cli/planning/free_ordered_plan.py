@@ -25,7 +25,7 @@ from dualarm_cli.planning.asynchronous.free_epochs import (
 )
 from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
 from dualarm_cli.planning.decided_plan import in_time, job_notes, schedule_of
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import mode_note, order_bound_note, order_note
 from dualarm_cli.planning.ordered_plan import plan_in_best_order
 from dualarm_cli.planning.planned_job import PlannedJob
 
@@ -123,8 +123,8 @@ def _turns(model: CellModel) -> bool:
 def _why_together(own: Schedule | None, *, turns: bool) -> str:
     """Return the reason for stage-by-stage arms, as text."""
     if own is None:
-        return planning_note("mode", "no_own_clocks", turns=turns)
-    return planning_note("mode", "together", turns=turns, duration=own.duration)
+        return mode_note("no_own_clocks", turns=turns)
+    return mode_note("together", turns=turns, duration=own.duration)
 
 
 def _may_be_quicker(work: PlannedJob, found: Schedule) -> bool:
@@ -159,8 +159,7 @@ def _worth_planning(orders: FreeOrders, effort: EffortSettings) -> list[FreeOrde
 def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> list[str]:
     """List notes on a plan whose platform stands at several positions."""
     epochs = [
-        planning_note(
-            "mode",
+        mode_note(
             "at",
             place=1e3 * place[0] if rail else np.degrees(place[0]),
             unit="mm" if rail else "deg",
@@ -168,14 +167,14 @@ def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> 
         )
         for place, tasks in found.epochs
     ]
-    stands = planning_note("mode", "stands", epochs=epochs, total=found.total)
+    stands = mode_note("stands", epochs=epochs, total=found.total)
     return [stands, *_together_notes(together)]
 
 
 def _together_notes(together: Schedule | None) -> list[str]:
     if together is None:
         return []
-    return [planning_note("mode", "synchronous", duration=together.duration)]
+    return [mode_note("synchronous", duration=together.duration)]
 
 
 def free_notes(
@@ -189,10 +188,10 @@ def free_notes(
         together: a plan in which both arms go from stage to stage together, if there is one.
         turns: whether there is a platform.
     """
-    own = planning_note("mode", "own_clocks", turns=turns, total=total)
+    own = mode_note("own_clocks", turns=turns, total=total)
     notes = [own, *_together_notes(together)]
     if orders.exact and total <= orders.ranked[0].total:
-        notes.append(planning_note("order", "best"))
+        notes.append(order_note("best"))
     elif orders.bound is not None:
-        notes.append(planning_note("order bound", "clocks", total=total, bound=orders.bound))
+        notes.append(order_bound_note("clocks", total=total, bound=orders.bound))
     return notes

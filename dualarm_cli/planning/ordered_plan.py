@@ -23,7 +23,7 @@ from dualarm_cli.orders.orders import (
 )
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.decided_plan import decided_plan
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import order_bound_note, order_note
 from dualarm_cli.planning.planned_job import PlannedJob
 from dualarm_cli.planning.room_rules import planned_around
 from dualarm_cli.records import dataclass
@@ -281,7 +281,7 @@ def order_notes(orders: Orders, total: float) -> list[str]:
         orders: what the search found.
         total: of the order that was planned, on the search's grid [s].
     """
-    found = planning_note("order", "found", how=orders.how, total=total)
+    found = order_note("found", search=orders.search, total=total)
     if orders.bound is None:
         return [found]
-    return [found, planning_note("order bound", "stages", total=total, bound=orders.bound)]
+    return [found, order_bound_note("stages", total=total, bound=orders.bound)]

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from dualarm_cli.background import BackgroundCall
-from dualarm_cli.bound.bound import no_bound
+from dualarm_cli.bound.bound import bound_note, no_bound
 from dualarm_cli.bound.job_bound import JobBound
 from dualarm_cli.effort import TrialEffort, less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
@@ -20,7 +20,7 @@ from dualarm_cli.notes import is_about
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.decided_plan import decided_plan
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import effort_note, order_note
 from dualarm_cli.planning.planned_job import PlannedJob, Route, resolve
 
 T = TypeVar("T")
@@ -56,16 +56,16 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
             watch.keep(schedule)
             is_found = False
         watch.report("computing the lower bound")
-        least = _until_seen_enough(watch, bounding.result) or no_bound("interrupted")
+        least = _until_seen_enough(watch, bounding.result) or no_bound(bound_note("interrupted"))
         if is_found and _less_efforts(work):
             watch.report("planning with less effort")
             easier = None if watch.enough() else _until_seen_enough(watch, background.result)
             if easier is None and watch.enough():
-                notes.append(planning_note("effort", "interrupted"))
+                notes.append(effort_note("interrupted"))
             elif easier is not None and easier.duration < schedule.duration - SAME_TIME:
                 schedule = _as_asked(easier, settings, schedule.duration)
     if job.is_decided and settings.time_limit is not None:
-        notes.append(planning_note("order", "fixed"))
+        notes.append(order_note("fixed"))
     notes = [*schedule.notes, *notes, *least.assumptions]
     return replace(schedule, lower_bound=least.value, notes=tuple(notes))
 
@@ -105,7 +105,7 @@ def _planned(work: PlannedJob, watch: Watch) -> Schedule:
         if work.job.mode == "free" and kind.together and not work.job.in_sections:
             notes.append(kind.together)
     if watch.stopped:
-        notes.append(planning_note("order", "ended_early", why=watch.stopped))
+        notes.append(order_note("ended_early", why=watch.stopped))
     schedule = replace(schedule, notes=(*schedule.notes, *notes))
     watch.keep(schedule)
     return schedule
@@ -134,7 +134,7 @@ def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
             if best is None or given.duration < best.duration:
                 # What is proven of arms in a given order is not proven of all orders.
                 kept = [note for note in given.notes if not is_about(note, "order")]
-                notes = (*kept, planning_note("order", "of_file"))
+                notes = (*kept, order_note("of_file"))
                 best = replace(given, order_grid_gap=None, notes=notes)
     if best is None:
         assert failure is not None  # nothing else leaves none
@@ -220,9 +220,9 @@ def _as_asked(easier: Schedule, settings: PlanSettings, duration: float | None =
     settings_then = easier.provenance.settings
     more = {"made": settings_then["effort"], "effort": settings.effort}
     if duration is None:
-        note = planning_note("effort", "only", **more)
+        note = effort_note("only", **more)
     else:
-        note = planning_note("effort", "shorter", **more, gain=duration - easier.duration)
+        note = effort_note("shorter", **more, gain=duration - easier.duration)
     provenance = replace(easier.provenance, settings={**settings_then, "effort": settings.effort})
     return replace(easier, provenance=provenance, notes=(*easier.notes, note))
 

@@ -13,7 +13,7 @@ from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.model.lying import lying_label
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.notes import Note, is_about
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import order_note, parts_note
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
@@ -69,9 +69,7 @@ class RoomRules:
             replace(task, after=(*task.after, *(one for one, other in news if other == task.id)))
             for task in job.tasks
         ]
-        orders = [
-            planning_note("order", "after_part", later=other, first=one) for one, other in news
-        ]
+        orders = [order_note("after_part", later=other, first=one) for one, other in news]
         return replace(job, tasks=tuple(tasks), notes=(*job.notes, *self.notes, *orders))
 
 
@@ -136,7 +134,7 @@ def _with_rule(job: Job, one: str, other: str) -> Job:
     for task in job.tasks:
         after = [name for name in task.after if (name, task.id) != (other, one)]
         tasks.append(replace(task, after=(*after, one) if task.id == other else tuple(after)))
-    note = planning_note("order", "after_link", later=other, first=one)
+    note = order_note("after_link", later=other, first=one)
     against = {"later": one, "first": other}
     notes = [text for text in job.notes if not (isinstance(text, Note) and text.more == against)]
     return replace(job, tasks=tuple(tasks), notes=(*notes, note))
@@ -176,7 +174,7 @@ def _pinned(job: Job, rules: Rules) -> tuple[Job, Rules, list[str]]:
     if not names:
         return job, rules, []
     job = replace(job, tasks=tasks)
-    return job, _rules(job), [planning_note("parts", "yaw", stops=names)]
+    return job, _rules(job), [parts_note("yaw", stops=names)]
 
 
 def _rule(job: Job, crowded: Crowded) -> tuple[str, str] | None:

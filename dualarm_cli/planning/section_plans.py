@@ -16,7 +16,7 @@ from dualarm_cli.model.job import Job, PoseTarget, Task
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.orders.model.buffer_numbers import keeps_borders
 from dualarm_cli.orders.watch import Watch
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import order_note
 from dualarm_cli.planning.planned_job import PlannedJob
 from dualarm_cli.planning.sections import sections_plan
 from dualarm_cli.records import dataclass
@@ -256,5 +256,5 @@ def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Sche
     if chosen.order == "given":
         whose = "the file's order of all tasks"
     more = {"tried": tried, "whose": whose, "rows": rows}
-    note = planning_note("order", "sections", **more)
+    note = order_note("sections", **more)
     return replace(schedule, notes=(*schedule.notes, note))

@@ -10,9 +10,16 @@ from typing import Any
 import pinocchio as pin
 
 from dualarm_cli.collision.solids import cell_solids, tools_without_shape
-from dualarm_cli.files.robots.frozen_joints import listed
 from dualarm_cli.model.job import TAKES, Job, JointTarget
 from dualarm_cli.model.lying import lying_parts
+from dualarm_cli.notes import Note, NoteTable, listed
+
+_note = NoteTable(
+    "cell",
+    no_tool="{arm} arm has no tool: targets are for its flange, link {flange}; `tools: {{{arm}: …}}` in the "
+    "cell file describes one",
+    no_clearance="clearance is 0 mm: bodies may touch; `clearance: 10 mm` in the cell file keeps them apart",
+)
 
 
 def bodies(job: Job) -> dict[str, Any]:
@@ -67,19 +74,14 @@ def _links_of(model: pin.Model, joint: int) -> list[str]:
     return [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.BODY]
 
 
-def cell_notes(job: Job) -> list[str]:
+def cell_notes(job: Job) -> list[Note]:
     """List notes on arms without a tool, and on a clearance of 0."""
     notes = []
     for arm in job.cell.robot.arms:
         tool = job.cell.tools[arm.name]
         bare = not tool.shapes and tool.tcp.isIdentity(1e-9)
         if bare and any(task.allows(arm.name) and not task.tool for task in job.tasks):
-            notes.append(
-                f"{arm.name} arm has no tool: targets are for its flange, link {arm.flange}; "
-                f"`tools: {{{arm.name}: …}}` in the cell file describes one"
-            )
+            notes.append(_note("no_tool", arm=arm.name, flange=arm.flange))
     if job.cell.clearance == 0.0:
-        notes.append(
-            "clearance is 0 mm: bodies may touch; `clearance: 10 mm` in the cell file keeps them apart"
-        )
+        notes.append(_note("no_clearance"))
     return notes

@@ -26,14 +26,22 @@ from dualarm_cli.files.robots.packages import ros_folders
 from dualarm_cli.files.robots.urdf_tree import parse_xml
 from dualarm_cli.files.source.projects import MARKERS
 from dualarm_cli.files.source.text_source import TextSource, read_text
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
+
+_note = NoteTable(
+    "program",
+    confined="{path} is a program: xacro ran it confined to reading {folder}",
+    free="{path} is a program: xacro ran it able to read all your files, as this kernel has no Landlock: trust "
+    "its author",
+)
 
 
 @dataclass(frozen=True)
 class ExpandedText(TextSource):
     """Text expanded by xacro; its diagnostics quote the element, because its lines differ from the file's."""
 
-    note: str = ""
+    note: Note = Note("")
     """Note on the expansion."""
 
     def diagnostic(self, line: int, column: int, code: str, message: str) -> Diagnostic:
@@ -70,13 +78,11 @@ def read_expanded(path: Path) -> TextSource:
             advice = f"; it may read {folders[0]} and the packages of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH"
         message = f"xacro cannot expand it: {error}{advice}"
         raise InputError([Diagnostic(str(path), 0, 0, "E400", message)]) from None
-    how = f"confined to reading {folders[0]}"
-    if not confined:
-        how = "able to read all your files, as this kernel has no Landlock: trust its author"
-    return ExpandedText(str(path), text, source.sha256, f"{path} is a program: xacro ran it {how}")
+    note = _note("confined" if confined else "free", path=path, folder=folders[0])
+    return ExpandedText(str(path), text, source.sha256, note)
 
 
-def program_notes(source: TextSource) -> tuple[str, ...]:
+def program_notes(source: TextSource) -> tuple[Note, ...]:
     """List notes on an expanded text; empty for a plain one."""
     return (source.note,) if isinstance(source, ExpandedText) else ()
 

@@ -20,7 +20,7 @@ from dualarm_cli.files.robots.frozen_joints import nearest_to_zero
 from dualarm_cli.files.robots.mesh_formats import stl_bytes
 from dualarm_cli.files.robots.meshes import link_meshes
 from dualarm_cli.files.robots.packages import MeshFinder
-from dualarm_cli.files.robots.robots import HULL_NOTE, LoadedRobot, load_robot
+from dualarm_cli.files.robots.robots import LoadedRobot, load_robot
 from dualarm_cli.files.robots.schema_robot import JERK_RULE
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements, moving_joints, read_urdf
 from dualarm_cli.files.robots.urdf_tree import Element
@@ -28,7 +28,6 @@ from dualarm_cli.files.robots.urdf_writer import urdf_text
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.model.shape import Hull, Shape
-from dualarm_cli.notes import is_about
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import Contact, contact_reasons, find_contacts
 from dualarm_cli.robot_import.convex_parts import convex_parts
@@ -138,7 +137,7 @@ def import_robot(request: ImportRequest) -> Imported:
         reasons.append(f"velocity limits assumed, {ASSUMED}, as the URDF has none: {names}")
     reasons += [*contact_reasons(contacts, often), *postures.reasons]
     # The description tells which meshes are taken as hulls, and which as parts.
-    reasons += [note for note in loaded.notes if not is_about(note, HULL_NOTE)]
+    reasons += [note for note in loaded.notes if note.key != "hulls"]
     return Imported(
         _file_name(name), {**files, "robot.yaml": content.encode()}, loaded, tuple(reasons)
     )

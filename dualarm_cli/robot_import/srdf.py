@@ -10,6 +10,7 @@ from dualarm_cli.errors import UsageError
 from dualarm_cli.files.robots.urdf import Urdf
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.expanded_text import program_notes, read_expanded
 from dualarm_cli.robot_import.structure import (
@@ -35,7 +36,7 @@ class Srdf:
     """Contradictions within named postures, by posture."""
     contacts: Mapping[frozenset[str], str] = field(default_factory=dict)
     """Pairs of links excluded from collision checking, with the SRDF's reason."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     """Notes on the reading."""
 
 

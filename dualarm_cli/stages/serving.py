@@ -12,7 +12,7 @@ from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY, JointTarget
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.notes import Note
+from dualarm_cli.notes import NoteTable
 from dualarm_cli.stages.method import MethodProblem
 
 CLOSED_FORMS, NUMERIC = "arm_angle", "numeric"
@@ -23,12 +23,12 @@ TOGETHER: Mapping[str, tuple[str, ...]] = dict.fromkeys((SEQUENCE, FIXED), (CLOS
 """Redundancy solvers that go together with a method; with all others it is CLOSED_FORMS."""
 
 _GENERAL = "solvers: {which} not spherical-revolute-spherical; planned with --redundancy {solver}"
-SENTENCES: Mapping[str, str] = {
-    "general": _GENERAL,
-    "mixed": _GENERAL + ", which has closed forms for kind {kinds}",
-    "closed": "solvers: planned with --redundancy {solver}, in closed form for kind {kinds}",
-}
-"""Notes on solvers, by key."""
+_note = NoteTable(
+    "solvers",
+    general=_GENERAL,
+    mixed=_GENERAL + ", which has closed forms for kind {kinds}",
+    closed="solvers: planned with --redundancy {solver}, in closed form for kind {kinds}",
+)
 
 
 def goes_together(method: str, redundancy: str) -> bool:
@@ -67,8 +67,12 @@ def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings,
         return settings, []
     kinds = [arm.kind for arm in robot.arms if arm.kind != "srs"]
     closed = " and ".join(dict.fromkeys(kind for kind in kinds if kind != "general"))
-    key = "closed" if "general" not in kinds else "mixed" if closed else "general"
-    note = Note.of(SENTENCES, "solvers", key, which=_which(robot), solver=own, kinds=closed)
+    note = _note(
+        "closed" if "general" not in kinds else "mixed" if closed else "general",
+        which=_which(robot),
+        solver=own,
+        kinds=closed,
+    )
     return replace(settings, redundancy=own), [note]
 
 

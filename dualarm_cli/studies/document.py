@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import field
 from itertools import combinations
 from typing import Any
 
@@ -30,10 +29,22 @@ from dualarm_cli.files.source.diagnostics import MAX_SHOWN
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.study import Amount, Objective, Parameter, Study
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.studies.requests import input_problems
 from dualarm_cli.studies.rows import TOGETHER, Ranking, StudyRow, rank
 
+_note = NoteTable(
+    "sensitivity",
+    too_few="no sensitivity: fewer than two plans",
+    constant="no sensitivity: it is the same in all plans",
+    few="{plans} plans for {parameters:# parameter|# parameters}: the result is only an indication",
+    left_out="values at which nothing has a plan are left out",
+    estimates="shares are estimates, as the plans do not fill the grid",
+    linear="a linear fit explains {share:.0%}: slopes are more reliable than shares",
+    not_linear="a linear fit explains {share:.0%} only: use the main effects instead of the slopes",
+    searched="the search tried good points more often than others",
+)
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 _TOGETHER = {sum: "sum", max: "largest", min: "least"}
 
@@ -189,7 +200,7 @@ def _sensitivity(
     found: StudySensitivity = sensitivity(factors, values, stepped, objective.step)
     notes = list(found.notes)
     if searched and not found.is_grid:
-        notes.append("the search tried good points more often than others")
+        notes.append(_note("searched"))
     return {
         "objective": objective.name,
         "plans": found.plans,
@@ -289,7 +300,7 @@ class StudySensitivity:
     """Interaction fractions of parameter pairs on a whole grid, largest first."""
     linear_share: float | None
     """Fraction of the variance that a linear fit explains."""
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[Note, ...] = ()
     """Remarks on the reliability of the analysis."""
 
 
@@ -341,11 +352,11 @@ def sensitivity(
     varied = [factor for factor in factors if len(np.unique(factor.levels)) > 1]
     spread = float(np.ptp(values)) if count else 0.0
     if count < 2 or spread <= max(step, EFFECT.same * float(np.abs(values).max())):
-        why = "fewer than two plans" if count < 2 else "it is the same in all plans"
+        note = _note("too_few" if count < 2 else "constant")
         none = tuple(
             Influence(f.name, 0.0 if count > 1 else None, None, None, None) for f in factors
         )
-        return StudySensitivity(count, grid, none, (), None, (f"no sensitivity: {why}",))
+        return StudySensitivity(count, grid, none, (), None, (note,))
     slopes, linear_share = _regression(factors, values)
     influences = [
         Influence(
@@ -477,22 +488,16 @@ def _ranks(values: FloatArray) -> FloatArray:
 
 def _notes(
     count: int, factors: Sequence[Factor], linear_share: float | None, grid: bool, whole: bool
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     notes = []
     if count < EFFECT.few * len(factors):
-        notes.append(
-            f"{count} plans for {len(factors)} parameter{'s' * (len(factors) > 1)}: the result is only an indication"
-        )
+        notes.append(_note("few", plans=count, parameters=len(factors)))
     if grid and not whole:
-        notes.append("values at which nothing has a plan are left out")
+        notes.append(_note("left_out"))
     if not grid:
-        notes.append("shares are estimates, as the plans do not fill the grid")
+        notes.append(_note("estimates"))
         if linear_share is not None and linear_share >= EFFECT.straight:
-            notes.append(
-                f"a linear fit explains {linear_share:.0%}: slopes are more reliable than shares"
-            )
+            notes.append(_note("linear", share=linear_share))
     if linear_share is not None and linear_share < EFFECT.straight:
-        notes.append(
-            f"a linear fit explains {linear_share:.0%} only: use the main effects instead of the slopes"
-        )
+        notes.append(_note("not_linear", share=linear_share))
     return tuple(notes)

@@ -16,7 +16,7 @@ from dualarm_cli.clearing.stage_samples import (
     stage_samples,
     which_are_clear,
 )
-from dualarm_cli.collision.loads import Loads
+from dualarm_cli.collision.clearance import Loads
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.motion import realise

@@ -17,7 +17,7 @@ import pytest
 from dualarm_cli.cli.parts.while_planning import STOPPING, StatusLine
 from dualarm_cli.cli.run import run
 from dualarm_cli.orders.watch import Watch
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import order_note
 
 AT_ONCE = 6.0
 """Two seconds by the contract [s]; the rest is for a machine that does other things meanwhile."""
@@ -172,7 +172,7 @@ def test_a_time_limit_is_said_to_have_had_nothing_to_limit(tasks_folder, tmp_pat
     out = tmp_path / "out"
     assert run(["plan", str(task), "--out", str(out), "-q", "--time-limit", "2 min"]) == 0
     assert capsys.readouterr() == ("", "")
-    assert planning_note("order", "fixed") in notes_of(out)
+    assert order_note("fixed") in notes_of(out)
 
 
 @pytest.mark.parametrize(

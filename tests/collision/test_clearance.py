@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.collision.clearance import CellClearance
-from dualarm_cli.collision.loads import Load
+from dualarm_cli.collision.clearance import CellClearance, Load
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Obstacle

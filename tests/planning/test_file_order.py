@@ -17,7 +17,7 @@ from dualarm_cli.orders.free_orders import free_orders
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import free_ordered_plan, ordered_plan, planner
 from dualarm_cli.planning import sections as path_jobs
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import order_note
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.verification import verify
@@ -93,7 +93,7 @@ def test_where_the_search_finds_none_the_order_of_the_file_is_planned(made, monk
     monkeypatch.setattr(free_ordered_plan, "epoch_orders", lambda *_: [])
     schedule = plan_without_bound(job, QUICK)
     assert verify(schedule, job, clearance=True).failures == ()
-    assert planning_note("order", "of_file") in schedule.notes
+    assert order_note("of_file") in schedule.notes
     assert schedule.order_grid_gap is None
     monkeypatch.setattr(planner, "file_order", lambda _: None)
     with pytest.raises(InfeasibleError, match="on the grid"):

@@ -14,7 +14,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.schedule import Provenance
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning import planner
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import order_note
 from dualarm_cli.refusals import Refusal
 
 
@@ -131,4 +131,4 @@ def test_a_time_limit_has_no_effect_where_the_file_fixes_the_order(chosen, job):
     durations = {"quick": 2.0, "normal": 3.0}
     plan, _ = chosen(job, durations, PlanSettings(effort="normal", time_limit=10.0))
     assert plan.duration == 2.0
-    assert planning_note("order", "fixed") in plan.notes
+    assert order_note("fixed") in plan.notes

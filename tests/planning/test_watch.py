@@ -10,7 +10,7 @@ import pytest
 import dualarm_cli.orders.watch as watching
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.orders.orders import DecidedOrder, Orders
-from dualarm_cli.orders.watch import INTERRUPTED, Watch
+from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.ordered_plan import _is_as_quick, _quickest, _Tried, order_notes
 from dualarm_cli.refusals import Refusal
 
@@ -50,7 +50,7 @@ def test_time_counts_from_the_beginning_of_the_search(clock):
     clock.now += 4.0
     assert not watch.stop()
     assert not watch.stop(0.9)
-    assert watch.stopped == ""
+    assert watch.stopped is None
     assert watch.stop(1.1)
     assert watch.stopped == "its time limit is 5 s"
     clock.now += 1.1
@@ -130,7 +130,7 @@ def test_orders_are_planned_until_the_user_has_seen_enough():
     watch = Watch(enough=lambda: True)
     best, made = planned([-1.0, 9.0, 8.0], watch)
     assert (best.duration, made) == (9.0, [0, 1])
-    assert watch.stopped == INTERRUPTED
+    assert watch.stopped == "it was interrupted"
 
 
 @pytest.mark.parametrize(

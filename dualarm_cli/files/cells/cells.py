@@ -21,6 +21,7 @@ from dualarm_cli.files.cells.schema_cell import (
     ShapeSection,
 )
 from dualarm_cli.files.robots.meshes import read_hull
+from dualarm_cli.files.robots.notes import robot_note
 from dualarm_cli.files.robots.robot_pair import compose_pair, why_not_a_pair_member
 from dualarm_cli.files.robots.robots import build_robot, find_robot
 from dualarm_cli.files.source.bodies import checked_pairs, link_names
@@ -34,6 +35,7 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell, Obstacle, Tool
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 
 
@@ -99,7 +101,7 @@ class LoadedCell:
     """The cell."""
     inputs: Mapping[str, str]
     """SHA-256 of every file that was read, by its name within the project."""
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     """Notes on how the files were interpreted."""
 
 
@@ -147,7 +149,7 @@ def load_cell(path: str | Path) -> LoadedCell:
     return LoadedCell(cell, dict(project.inputs), notes)
 
 
-def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str, ...]]:
+def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Note, ...]]:
     """Build the cell of a cell file, with notes on its interpretation.
 
     Args:
@@ -216,7 +218,7 @@ class CellReader:
         """
         self.project, self.path, self.name = project, path, name
         self.document, self.findings = document, findings
-        self.notes: list[str] = []
+        self.notes: list[Note] = []
 
     def robot(self, value: object) -> Robot | None:
         """Read the robot, or a pair as one robot; None after noting errors."""
@@ -239,7 +241,7 @@ class CellReader:
             place = find_robot(self.project, reference, self.path, self.name)
             side = ".".join(str(step) for step in loc[:2]) if len(loc) > 1 else "robot"
             robot, notes = build_robot(replace(place, role=side))
-            robot_notes = [f"{robot.name}: {note}" for note in notes]
+            robot_notes = [robot_note("of_robot", robot=robot.name, note=note) for note in notes]
             self.notes += [note for note in robot_notes if note not in self.notes]
             return robot
         return None

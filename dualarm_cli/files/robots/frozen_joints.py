@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from dualarm_cli.files.robots.notes import robot_note
 from dualarm_cli.files.robots.robot_joints import file_arms, joint_position
 from dualarm_cli.files.robots.schema_robot import RobotFile
 from dualarm_cli.files.robots.urdf import MOVING_TYPES, UNLIMITED, Urdf, UrdfJoint, soft_range
@@ -12,9 +13,7 @@ from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
-
-MAX_LISTED = 8
-"""Maximum number of names in a note."""
+from dualarm_cli.notes import Note, listed
 
 
 def frozen_positions(
@@ -56,7 +55,7 @@ def frozen_positions(
     return positions
 
 
-def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
+def frozen_notes(urdf: Urdf, positions: Mapping[str, float]) -> list[Note]:
     """Compose notes on fixed joints: names, positions, and mimics of moving joints.
 
     Args:
@@ -76,11 +75,9 @@ def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
         for name, position in positions.items()
         if position != 0.0
     ]
-    parts = [f"{listed(zero)} at 0"] if zero else []
-    notes = [
-        "joints that neither platform nor arms name are fixed: "
-        f"{'; '.join([*parts, *([listed(elsewhere)] if elsewhere else [])])}"
-    ]
+    places = [f"{listed(zero)} at 0"] if zero else []
+    places += [listed(elsewhere)] if elsewhere else []
+    notes = [robot_note("fixed", places=places)]
     leaders = {name: leader_of(urdf, name) for name in positions}
     followers = [
         f"{name} ({leader})"
@@ -88,17 +85,8 @@ def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
         if leader and leader not in positions and urdf.joints[leader].get("type") in MOVING_TYPES
     ]
     if followers:
-        notes.append(
-            f"joints that mimic moving ones stand still, their links' shapes with them: {listed(followers)}"
-        )
+        notes.append(robot_note("followers", joints=followers))
     return notes
-
-
-def listed(names: Sequence[str]) -> str:
-    """Join names for a note, only the first of many."""
-    shown = ", ".join(names[:MAX_LISTED])
-    more = len(names) - MAX_LISTED
-    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def _shown(joint: Element, position: float) -> str:

@@ -1,11 +1,5 @@
 """Reader of mesh files as convex hulls, within limits.
 
-COLLADA (DAE) files are read here: the corners of the geometry in their scene, and their length
-unit. Faces are not read, because a hull needs none. The upward axis of the file is not applied: ROS
-tools ignore it.
-
-
-
 COLLADA (DAE) files are read here: the corners of the geometry in their scene, and their length unit. Faces are not
 read, because a hull needs none. The upward axis of the file is not applied: ROS tools ignore it.
 """
@@ -29,6 +23,7 @@ from dualarm_cli.files.robots.mesh_formats import (
     ply_corners,
     stl_corners,
 )
+from dualarm_cli.files.robots.notes import robot_note
 from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
@@ -37,6 +32,7 @@ from dualarm_cli.files.source.text_source import TextSource, quote, read_bytes
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".dae")
@@ -191,14 +187,10 @@ class LinkMeshes:
     """Length unit [m] of COLLADA files not in metres, by name in the URDF."""
 
     @property
-    def notes(self) -> list[str]:
+    def notes(self) -> list[Note]:
         """Notes on units."""
-        if not self.units:
-            return []
-        files = ", ".join(f"{name} ({unit:g} m)" for name, unit in self.units.items())
-        return [
-            f"units of COLLADA files are applied, as in RViz but not in MoveIt's collision checks: {files}"
-        ]
+        files = [f"{name} ({unit:g} m)" for name, unit in self.units.items()]
+        return [robot_note("units", files=files)] if files else []
 
 
 def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:

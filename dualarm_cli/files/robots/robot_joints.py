@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import did_you_mean
+from dualarm_cli.files.robots.notes import robot_note
 from dualarm_cli.files.robots.schema_robot import JERK_RULE, ArmSection, LimitSection, RobotFile
 from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint
 from dualarm_cli.files.source import quantities
@@ -25,6 +26,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.joint_axes import joint_axes, measured_kind
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits, rate_source
+from dualarm_cli.notes import Note
 
 POSITION_SLACK = 1e-9
 """Tolerance of position limits, for rounding [rad or m]."""
@@ -247,7 +249,7 @@ def with_margins(
 
 def joint_limits(
     document: Document, model: RobotFile, joints: list[UrdfJoint], findings: Findings
-) -> tuple[JointLimits, list[str]] | None:
+) -> tuple[JointLimits, list[Note]] | None:
     """Read the limits of all moving joints, with notes on assumed ones.
 
     None after noting errors.
@@ -299,17 +301,8 @@ def joint_limits(
         np.array([row[1] for row in rows]),
         tuple(row[2] for row in rows),
     )
-    return limits, _notes(ruled, len(joints))
-
-
-def _notes(ruled: list[str], count: int) -> list[str]:
-    """Compose a note on jerk limits that no file gives."""
-    if not ruled:
-        return []
-    of = "all joints" if len(ruled) == count else ", ".join(ruled)
-    return [
-        f"no jerk limit is given for {of}: `{JERK_RULE}` is assumed; give `jerk`, or `jerk: none` for no limit"
-    ]
+    whose = ["all joints"] if len(ruled) == len(joints) else ruled
+    return limits, [robot_note("jerk_rule", joints=whose, rule=JERK_RULE)] if ruled else []
 
 
 def _rate(

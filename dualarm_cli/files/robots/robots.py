@@ -14,8 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import Diagnostic, InputError
-from dualarm_cli.files.robots.frozen_joints import frozen_note, frozen_positions, listed
+from dualarm_cli.files.robots.frozen_joints import frozen_notes, frozen_positions
 from dualarm_cli.files.robots.meshes import LinkMeshes, link_meshes
+from dualarm_cli.files.robots.notes import robot_note
 from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.robot_joints import (
     check_chains,
@@ -48,12 +49,8 @@ from dualarm_cli.geometry.elementary import arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import rpy_angles
 from dualarm_cli.model.robot import Robot
-from dualarm_cli.model.shape import Shape
 from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
-
-HULL_NOTE = "collision meshes are taken as their convex hulls"
-"""Topic of the note on meshes."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ class LoadedRobot:
     """The robot."""
     inputs: Mapping[str, str]
     """SHA-256 of every file that was read, by its name within the project."""
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     """Notes on how the files were interpreted."""
 
 
@@ -137,7 +134,7 @@ def _find_bundled(project: Project, name: str) -> RobotFilePlace:
     return RobotFilePlace(project.bundled(), path, f"robots/{name}/{ROBOT_FILE}")
 
 
-def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
+def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[Note, ...]]:
     """Build the robot of a robot file, with notes on its interpretation.
 
     Args:
@@ -193,17 +190,19 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     notes += [
         *_narrowed_notes(joints),
         *assumed,
-        *frozen_note(urdf, frozen),
-        *_contact_note(doubtful),
-        *_mesh_note(meshes),
-        *read.notes,
+        *frozen_notes(urdf, frozen),
     ]
-    return robot, tuple(notes)
+    if doubtful:
+        pairs = [f"{link_a} and {link_b}" for link_a, link_b in doubtful]
+        notes.append(robot_note("assumed_contacts", pairs=pairs))
+    if meshes:
+        notes.append(robot_note("hulls", links=[*meshes]))
+    return robot, (*notes, *read.notes)
 
 
 def _moving_joints(
     urdf: Urdf, names: Sequence[str], findings: Findings
-) -> tuple[list[UrdfJoint], list[str]]:
+) -> tuple[list[UrdfJoint], list[Note]]:
     """Select the named joints, with notes.
 
     Everything wrong with the file and the joints is raised.
@@ -215,23 +214,16 @@ def _moving_joints(
         findings.fail()
 
 
-def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[str]:
+def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[Note]:
     """Compose a note for each cause of narrowed joint positions."""
     causes = dict.fromkeys(cause for joint in joints for cause in joint.narrowed)
     return [
-        f"position limits are narrowed by {cause}: "
-        f"{listed([joint.name for joint in joints if cause in joint.narrowed])}"
+        robot_note(
+            "narrowed",
+            cause=cause,
+            joints=[joint.name for joint in joints if cause in joint.narrowed],
+        )
         for cause in causes
-    ]
-
-
-def _contact_note(pairs: Sequence[tuple[str, str]]) -> list[str]:
-    """Compose the note on links whose collisions are excluded by assumption."""
-    if not pairs:
-        return []
-    names = listed([f"{link_a} and {link_b}" for link_a, link_b in pairs])
-    return [
-        f"collisions are not checked between {names}: `assumed_contacts` assumes that only their shapes touch"
     ]
 
 
@@ -279,13 +271,6 @@ def _checked_model(urdf: Urdf, text: str, count: int) -> pin.Model:
         message = f"has {model.nq} positions and {model.nv} velocities for {count} joints"
         raise InputError([Diagnostic(urdf.source.name, 0, 0, "E400", message)])
     return model
-
-
-def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
-    """Compose the note on links whose meshes are replaced by convex hulls."""
-    if not meshes:
-        return []
-    return [Note(f"{HULL_NOTE}: {listed([*meshes])}", HULL_NOTE)]
 
 
 ROOT_LINK = "base_link"

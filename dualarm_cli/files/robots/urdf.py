@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterator, Sequence
 
 from dualarm_cli.errors import did_you_mean
+from dualarm_cli.files.robots.notes import robot_note
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.text_source import TextSource, quote, suggest
+from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 
 _SIZES: dict[str, tuple[tuple[str, int], ...]] = {
@@ -275,7 +277,7 @@ def _check_tree(
     return roots[0] if roots else ""
 
 
-def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], list[str]]:
+def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], list[Note]]:
     """Read the named joints in document order with their limits, and notes on them.
 
     Args:
@@ -286,7 +288,7 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
         InputError: a joint cannot move, mimics another, or has no or impossible limits.
     """
     findings = UrdfFindings(urdf.source)
-    joints, notes = [], []
+    joints, notes = list[UrdfJoint](), list[Note]()
     for joint in urdf.joints.values():
         if joint.name not in names:
             continue
@@ -315,13 +317,9 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
             ranges = lower, upper, velocity, acceleration, jerk
             joints.append(UrdfJoint(joint.name, kind == "prismatic", *ranges, narrowed))
             if soft == UNLIMITED and joint.child_name("safety_controller", SOFT_LIMITS[0]):
-                notes.append(
-                    f"{what}: its soft limits are equal and ignored, because they allow no motion"
-                )
+                notes.append(robot_note("equal_soft_limits", joint=what))
         if kind == "continuous" and soft == UNLIMITED:
-            notes.append(
-                f"{what} is continuous; its position is kept within ±{CONTINUOUS_LIMIT:g} rad"
-            )
+            notes.append(robot_note("continuous", joint=what, limit=CONTINUOUS_LIMIT))
     findings.raise_if_any()
     return joints, notes
 

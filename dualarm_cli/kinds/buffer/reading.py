@@ -17,12 +17,14 @@ from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.place import Place
-from dualarm_cli.notes import Note
+from dualarm_cli.notes import NoteTable
 
 MOST_PARTS = 1_000_000
 """Maximum number of parts of a buffer."""
-UNUSED = "buffer {quoted}: no task uses it; a pick or place does with buffer: {buffer}"
-"""Note on buffers without tasks."""
+_note = NoteTable(
+    "buffers",
+    unused="buffer {quoted}: no task uses it; a pick or place does with buffer: {buffer}",
+)
 
 
 class BufferSection(Section):
@@ -148,7 +150,7 @@ def with_buffers(document: Document, model: TasksFile, job: Job) -> Job:
         buffers[name] = Buffer(section.capacity, section.initial, place)
         if _counted(model, name) == (0, 0):
             more = {"quoted": quote(name), "buffer": name}
-            notes.append(Note.of({"unused": UNUSED}, "buffers", "unused", **more))
+            notes.append(_note("unused", **more))
     return replace(job, buffers=buffers, notes=(*job.notes, *notes))
 
 

@@ -22,7 +22,7 @@ from dualarm_cli.kinds.conveyor.meeting import ConveyorMeeting, MissedError, Tim
 from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.model.joint_motion import SAME_TIME
-from dualarm_cli.notes import Note
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -71,13 +71,15 @@ FREE = Note(
     "mode: free: with conveyors, both arms start each stage together in this version", "mode"
 )
 """Note on asynchronous arms."""
-PERIOD = "conveyors: the cycle repeats every {seconds:.3f} s, so each part must arrive with the same period"
-"""Note on cycles."""
+_note = NoteTable(
+    "conveyors",
+    period="conveyors: the cycle repeats every {seconds:.3f} s, so each part must arrive with the same period",
+)
 
 
 def conveyor_notes(job: Job, duration: float) -> list[str]:
     """List notes on a plan with conveyors that takes a duration [s]."""
-    period = Note.of({"period": PERIOD}, "conveyors", "period", seconds=duration)
+    period = _note("period", seconds=duration)
     return [NO_SENSITIVITY, period] if job.returns else [NO_SENSITIVITY]
 
 

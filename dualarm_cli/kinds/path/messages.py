@@ -15,7 +15,7 @@ from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.notes import Note
+from dualarm_cli.notes import NoteTable
 from dualarm_cli.refusals import Refusal
 
 AT_LIMIT = 2e-3
@@ -32,19 +32,20 @@ REMEDIES: Mapping[Remedy, tuple[str, ...]] = {
 """Remedies for each cause of a refusal."""
 
 
-NOTES: Mapping[str, str] = {
-    "platform_turns": "--platform fixed holds the platform between paths; where they begin, and on paths of "
+_note = NoteTable(
+    "paths",
+    platform_turns="--platform fixed holds the platform between paths; where they begin, and on paths of "
     "methods for the whole body, it turns (--redundancy arm_angle: only to where they begin)",
-    "in_turn": "paths {first} and {then} are followed one after the other; write both tools' curves into one path "
+    in_turn="paths {first} and {then} are followed one after the other; write both tools' curves into one path "
     "(left:, right:) to follow them together",
-    "capped": "{task}: followed at {cap:g} m/s, the limit of the tools' speed, instead of {speed:g} m/s",
-    "slowed": "{task}: takes {duration:.3f} s instead of {requested:.3f} s, because of the joints' limits",
-    "corners": "{task}: the tool stops at {corners:one corner|# corners}; give a (larger) `blend`, or arcs or "
+    capped="{task}: followed at {cap:g} m/s, the limit of the tools' speed, instead of {speed:g} m/s",
+    slowed="{task}: takes {duration:.3f} s instead of {requested:.3f} s, because of the joints' limits",
+    corners="{task}: the tool stops at {corners:one corner|# corners}; give a (larger) `blend`, or arcs or "
     "splines, to keep it moving",
-    "critical_points": "{task}: critical points of {arms:* and } are assumed: below the shoulder by the length of "
+    critical_points="{task}: critical points of {arms:* and } are assumed: below the shoulder by the length of "
     "the upper arm",
-}
-"""Notes on plans with paths, by key."""
+)
+"""Notes on plans with paths."""
 
 
 def path_job_notes(job: Job, method: str, trajectory: Trajectory) -> list[str]:
@@ -58,18 +59,18 @@ def path_job_notes(job: Job, method: str, trajectory: Trajectory) -> list[str]:
     notes: list[str] = []
     columns = job.cell.robot.columns(job.cell.robot.platform)
     if method == "fixed" and np.ptp(trajectory.position[:, columns], axis=0).max(initial=0.0) > 0.0:
-        notes.append(Note.of(NOTES, "paths", "platform_turns"))
+        notes.append(_note("platform_turns"))
     sections = [section for section in job.sections() if section[0].path is not None]
     for first, second in pairwise(sections):
         if not {task.arm for task in first} & {task.arm for task in second}:
-            notes.append(Note.of(NOTES, "paths", "in_turn", first=first[0].id, then=second[0].id))
+            notes.append(_note("in_turn", first=first[0].id, then=second[0].id))
     return notes
 
 
 def path_notes(context: PathContext, task: str, path: FollowedPath, name: str) -> list[str]:
     """List notes on a followed path and its method."""
-    note, work = partial(Note.of, NOTES, "paths", task=task), path.work
-    notes: list[str] = []
+    note = partial(_note, task=task)
+    notes, work = list[str](), path.work
     cap, speed = context.job.tool_speed, work.speed * context.job.speed
     if cap is not None and cap < speed:
         notes.append(note("capped", cap=cap, speed=speed))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 
 from dualarm_cli.errors import Diagnostic, did_you_mean
@@ -11,29 +10,31 @@ from dualarm_cli.kinds.seam.motion import TimedSeam
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.seam import SeamWork
-from dualarm_cli.notes import Note
+from dualarm_cli.notes import NoteTable
 from dualarm_cli.refusals import Refusal
 
 LONGEST = 1800.0
 """Longest duration of a seam that is planned [s]."""
 
-NOTES: Mapping[str, str] = {
-    "slow": "{task}: worked at {mm:.4g} mm/s, because of {capped:the limit of the tools' speed|limits}, instead of "
+_note = NoteTable(
+    "seams",
+    slow="{task}: worked at {mm:.4g} mm/s, because of {capped:the limit of the tools' speed|limits}, instead of "
     "{requested:.4g} mm/s",
-    "long": "{task}: takes {duration:.3f} s, because of {capped:the limit of the tools' speed|limits}, instead of "
+    long="{task}: takes {duration:.3f} s, because of {capped:the limit of the tools' speed|limits}, instead of "
     "{requested:.3f} s",
-    "pace": "{task}: at {pace:.0%} of full speed seams are slower as well: {requested:.4g} mm/s for {mm:.4g}",
-    "no_shapes": "{task}: {bodies:* and } without shapes: they are not checked for collisions",
-    "touches": "{task}: {tool} may touch {bodies:*, } while it works, but must not penetrate it",
-}
-"""Notes on plans with seams, by key."""
+    pace="{task}: at {pace:.0%} of full speed seams are slower as well: {requested:.4g} mm/s for {mm:.4g}",
+    no_shapes="{task}: {bodies:* and } without shapes: they are not checked for collisions",
+    touches="{task}: {tool} may touch {bodies:*, } while it works, but must not penetrate it",
+)
+"""Notes on plans with seams."""
 SLOWED = 1.001
 """Ratio of required to actual speed above which a note is given."""
 
 
 def seam_notes(job: Job, task: str, work: SeamWork, seam: TimedSeam) -> list[str]:
     """List notes on how a task's seam is worked."""
-    note, notes = partial(Note.of, NOTES, "seams", task=task), list[str]()
+    note = partial(_note, task=task)
+    notes: list[str] = []
     # The deciding limit is not searched: the file's own acceleration is one of them.
     speed, duration = seam.speed(work.length), seam.trajectory.duration
     if work.speed is not None and speed * SLOWED < work.speed * job.speed:

@@ -11,9 +11,21 @@ import numpy as np
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.model.schedule import DURATION, TOOL_SPEED, Schedule
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import StageParts, overlap, stage_parts
 
+_note = NoteTable(
+    "comparison",
+    robots="different robots ({names:*, }): durations are compared, joints only where both robots have one of "
+    "that name",
+    limits="limits differ for {count} joints: {examples}",
+    settings="settings differ: {changed:*, }",
+    order="the order of the stages differs",
+    overlap="stages of {side} overlap: the arms run asynchronously, so the differences of the stages do not add "
+    "up to the total",
+    missing="{side} states no {missing:* and no }: cut at its events",
+)
 KINDS = (("transfer", "return"), ("approach",), ("dwell",), ("retract",), ("path",), ("seam",))
 """Groups of segment kinds in an arm's work."""
 SAME_ANGLE = 1e-6
@@ -345,14 +357,11 @@ def _blamed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return sorted(listed, key=lambda entry: -abs(entry["difference"]))
 
 
-def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
+def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[Note]:
     """Compose notes on other differences: robots, limits, settings, order, missing data."""
     notes = []
     if a.robot.name != b.robot.name or set(a.trajectory.joints) != set(b.trajectory.joints):
-        notes.append(
-            f"different robots ({a.robot.name}, {b.robot.name}): durations are compared, joints only "
-            "where both robots have one of that name"
-        )
+        notes.append(_note("robots", names=[a.robot.name, b.robot.name]))
     notes += _limit_notes(a, b)
     settings_a, settings_b = a.provenance.settings, b.provenance.settings
     changed = [
@@ -361,23 +370,20 @@ def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
         if settings_a.get(key) != settings_b.get(key)
     ]
     if changed:
-        notes.append(f"settings differ: {', '.join(changed)}")
+        notes.append(_note("settings", changed=changed))
     places = [j for i, j in pairs if i is not None and j is not None]
     if any(later < earlier for earlier, later in pairwise(places)):
-        notes.append("the order of the stages differs")
+        notes.append(_note("order"))
     for schedule, side in ((a, "A"), (b, "B")):
         if overlap(schedule.stages):
-            notes.append(
-                f"stages of {side} overlap: the arms run asynchronously, so the differences of the stages do "
-                "not add up to the total"
-            )
+            notes.append(_note("overlap", side=side))
         missing = [w for w in ("stages", "segments") if not getattr(schedule, w)]
         if missing:
-            notes.append(f"{side} states no {' and no '.join(missing)}: cut at its events")
+            notes.append(_note("missing", side=side, missing=missing))
     return notes
 
 
-def _limit_notes(a: Schedule, b: Schedule) -> list[str]:
+def _limit_notes(a: Schedule, b: Schedule) -> list[Note]:
     """Compose the note on joints whose limits differ."""
     limits_a, limits_b = a.robot.limits, b.robot.limits
     both = [joint for joint in limits_a.joints if joint in limits_b.joints]
@@ -394,4 +400,4 @@ def _limit_notes(a: Schedule, b: Schedule) -> list[str]:
         return []
     named = [joint for joint in both if joint in differ]
     examples = ", ".join(named[:SHOWN]) + (", …" if len(named) > SHOWN else "")
-    return [f"limits differ for {len(named)} joints: {examples}"]
+    return [_note("limits", count=len(named), examples=examples)]
