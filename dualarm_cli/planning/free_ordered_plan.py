@@ -124,7 +124,7 @@ def _why_together(own: Schedule | None, *, turns: bool) -> str:
     """Return the reason for stage-by-stage arms, as text."""
     if own is None:
         return mode_note("no_own_clocks", turns=turns)
-    return mode_note("together", turns=turns, duration=own.duration)
+    return mode_note("synchronous_faster", turns=turns, duration=own.duration)
 
 
 def _may_be_quicker(work: PlannedJob, found: Schedule) -> bool:

@@ -38,7 +38,7 @@ mode_note = NoteTable(
     synchronous="mode: free: synchronous stages would take {duration:.3f} s",
     no_own_clocks="mode: free: no plan was found in which the arms run asynchronously"
     "{turns: (the platform stands while tools work there)|}; both start each stage together",
-    together="mode: free: both arms start each stage together, as that is faster than asynchronous arms"
+    synchronous_faster="mode: free: both arms start each stage together, as that is faster than asynchronous arms"
     "{turns:, for which the platform has to stand|} ({duration:.3f} s)",
 )
 platform_note = NoteTable(

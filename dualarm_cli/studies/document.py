@@ -353,9 +353,8 @@ def sensitivity(
     spread = float(np.ptp(values)) if count else 0.0
     if count < 2 or spread <= max(step, EFFECT.same * float(np.abs(values).max())):
         note = _note("too_few" if count < 2 else "constant")
-        none = tuple(
-            Influence(f.name, 0.0 if count > 1 else None, None, None, None) for f in factors
-        )
+        effect = 0.0 if count > 1 else None
+        none = tuple(Influence(f.name, effect, None, None, None) for f in factors)
         return StudySensitivity(count, grid, none, (), None, (note,))
     slopes, linear_share = _regression(factors, values)
     influences = [
@@ -476,10 +475,7 @@ def _rank_correlation(factor: Factor, values: FloatArray) -> float | None:
 
 
 def _ranks(values: FloatArray) -> FloatArray:
-    """Rank values from 1, with the mean rank for equal values.
-
-    Rounding does not make values differ.
-    """
+    """Rank values from 1; values equal up to rounding have their mean rank."""
     from scipy.stats import rankdata
 
     scale = float(np.abs(values).max()) or 1.0
@@ -496,8 +492,7 @@ def _notes(
         notes.append(_note("left_out"))
     if not grid:
         notes.append(_note("estimates"))
-        if linear_share is not None and linear_share >= EFFECT.straight:
-            notes.append(_note("linear", share=linear_share))
-    if linear_share is not None and linear_share < EFFECT.straight:
-        notes.append(_note("not_linear", share=linear_share))
+    if linear_share is not None and (not grid or linear_share < EFFECT.straight):
+        straight = linear_share >= EFFECT.straight
+        notes.append(_note("linear" if straight else "not_linear", share=linear_share))
     return tuple(notes)
