@@ -89,6 +89,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         ("Two tasks, obstacles, joints or keys of one mapping have the same name.",),
         ("Rename one; the message names the line of the first.",),
         "tasks.yaml:20:9: E102 duplicate task id 'tray-1', first at line 8",
+        "how-to/cells.md",
     ),
     "E104": Explanation(
         "A number is not finite",
@@ -97,6 +98,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "Write the number; where something is not limited, leave the key out or write what its page says.",
         ),
         "robot.yaml:9:33: E104 non-finite number '.inf' is not allowed",
+        "reference/index.md",
     ),
     "E105": Explanation(
         "YAML anchors, aliases and tags are not read",
@@ -106,6 +108,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "Put text that begins with `*`, `&` or `!` in quotes.",
         ),
         "tasks.yaml:4:7: E105 alias '*x' is not allowed; repeat the value",
+        "how-to/cells.md",
     ),
     "E110": Explanation(
         "A schedule or baseline file is damaged",
@@ -163,6 +166,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         ("`dualarm verify --tasks` was given the tasks of another cell.",),
         ("Give the task file that the schedule was planned from.",),
         "schedule: E301 schedule and tasks are for different robots: left_s",
+        "concepts/verification.md",
     ),
     "E310": Explanation(
         "These kinds of work do not go together in this version",

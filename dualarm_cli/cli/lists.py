@@ -50,6 +50,7 @@ def explain_command(
     """Explain an error code: causes and remedies."""
     from dualarm_cli.errors import UsageError, did_you_mean
     from dualarm_cli.explanations import explanations
+    from dualarm_cli.files.source.bundled import documentation_page
 
     wanted, all_codes = code.strip().upper(), explanations()
     if wanted and wanted not in all_codes:
@@ -72,7 +73,7 @@ def explain_command(
     if entry.example:
         lines += ["", f"Example: {entry.example}"]
     if entry.page:
-        lines += ["", f"More: {entry.page} of the documentation"]
+        lines += ["", f"More: {documentation_page(entry.page)}"]
     typer.echo("\n".join(lines))
 
 

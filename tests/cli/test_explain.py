@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,23 @@ def test_an_explanation_says_why_and_what_to_do(
         assert sentence in shown
         assert sentence.endswith(".")
     assert set(CODE.findall(one.example)) <= {code}
+
+
+def test_an_explanation_names_a_page_that_the_wheel_carries(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The path is a file, and below one of the paths of `docs` that the build puts into the wheel."""
+    build = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
+    carried = build["targets"]["wheel"]["force-include"]
+    for code, entry in explanations().items():
+        assert run(["explain", code]) == 0
+        *_, shown = capsys.readouterr().out.strip().rpartition("\nMore: ")
+        assert entry.page, code
+        assert Path(shown) == PACKAGE.parent / "docs" / entry.page
+        assert Path(shown).is_file(), code
+        source = f"docs/{entry.page}"
+        assert source in carried or source.rsplit("/", 1)[0] in carried, code
+    assert all(f"dualarm_cli/bundled/{name}" == path for name, path in carried.items())
 
 
 def test_an_unknown_code_gets_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:

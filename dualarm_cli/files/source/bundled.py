@@ -1,4 +1,4 @@
-"""Paths of bundled robots and task files."""
+"""Paths of bundled robots, task files and pages of the documentation."""
 
 from __future__ import annotations
 
@@ -28,6 +28,11 @@ def _folder(name: str) -> Path:
     package = Path(__file__).resolve().parents[2]
     installed = package / "bundled" / name
     return installed if installed.is_dir() else package.parent / name
+
+
+def documentation_page(name: str) -> Path:
+    """Locate a page of the documentation by its path below `docs`."""
+    return _folder("docs") / name
 
 
 def bundled_robots() -> list[str]:
