@@ -29,7 +29,7 @@ from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import planner
 from dualarm_cli.planning.redundancy_choice import with_redundancy
-from dualarm_cli.records import dataclass
+from dualarm_cli.records import ShownInNotebooks, dataclass
 from dualarm_cli.report.printable import printable
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify as judged
@@ -52,13 +52,17 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(ShownInNotebooks):
     """Planned job with its schedule, verified independently."""
 
     job: Job
     """Job that was planned."""
     schedule: Schedule
     """Joint motion, stages and events, with the verification."""
+
+    def __repr__(self) -> str:
+        """Describe the plan in a line."""
+        return repr(self.schedule).replace("Schedule", "Plan", 1)
 
     @classmethod
     def judged(cls, job: Job, schedule: Schedule) -> Plan:

@@ -11,6 +11,7 @@ import dataclasses
 import sys
 from collections.abc import Callable, Sequence
 from functools import cache
+from importlib import import_module
 from operator import attrgetter
 from reprlib import recursive_repr
 from types import FunctionType
@@ -31,6 +32,15 @@ else:
         return _frozen(cls, eq)
 
 
+class ShownInNotebooks:
+    """Base of objects that notebooks show with figures and a picture."""
+
+    def _repr_html_(self) -> str:
+        # Pictures are a layer above: they are imported when one is shown.
+        html: str = import_module("dualarm_cli.report.figures.notebook").html_of(self)
+        return html
+
+
 def field_values(record: Any) -> dict[str, Any]:
     """Return the values of a record's fields by name, without copies."""
     return {name: getattr(record, name) for name in record.__dataclass_fields__}
@@ -38,7 +48,7 @@ def field_values(record: Any) -> dict[str, Any]:
 
 def _is_special(cls: type) -> bool:
     """Check whether a class needs the standard library's dataclass."""
-    overridden = {"__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__"}
+    overridden = {"__init__", "__eq__", "__hash__", "__setattr__", "__delattr__"}
     annotated = vars(cls).get("__annotations__", {})
     values = [vars(cls).get(name) for name in annotated]
     fields = [value for value in values if isinstance(value, dataclasses.Field)]
@@ -68,7 +78,8 @@ def _frozen(cls: type[T], eq: bool) -> type[T]:
         values = _values([f.name for f in fields if f.compare])
         methods["__eq__"], methods["__hash__"] = _eq(values), _hash(values)
     for name, function in methods.items():
-        setattr(class_, name, function)
+        if name != "__repr__" or name not in vars(cls):
+            setattr(class_, name, function)
     return class_
 
 

@@ -9,7 +9,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 import dualarm_cli
@@ -96,6 +98,62 @@ def test_samples_are_the_motion_at_equal_steps(found: Plan) -> None:
     for rate in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(UsageError, match="above 0 Hz"):
             schedule.sample(rate)
+
+
+def test_a_tool_is_where_its_events_say_and_moves_as_its_jacobian_says(found: Plan) -> None:
+    """Poses against the commanded targets, twists against central differences of poses."""
+    schedule, h = found.schedule, 1e-5
+    for event in schedule.events:
+        error = pin.log6(event.pose.inverse() * schedule.tool_pose(event.arm, event.time))
+        assert np.abs(error.vector).max() < 1e-6
+    for arm in ("left", "right"):
+        for time in np.linspace(0.1, schedule.duration - 0.1, 7):
+            before, after = (schedule.tool_pose(arm, time + step) for step in (-h, h))
+            turn = pin.log3(after.rotation @ before.rotation.T)
+            measured = np.append(after.translation - before.translation, turn) / (2.0 * h)
+            rates = schedule.trajectory.at(np.array([time]))[1][0]
+            assert schedule.jacobian(arm, time) @ rates == pytest.approx(measured, abs=1e-4)
+    with pytest.raises(UsageError, match=r"'middle'.*has left, right"):
+        schedule.tool_pose("middle", 0.0)
+    for wrong in (-0.1, schedule.duration + 0.1, float("nan")):
+        with pytest.raises(UsageError, match="must be from 0 to"):
+            schedule.jacobian("left", wrong)
+
+
+def test_objects_have_a_short_text_and_notebooks_show_figures_with_a_picture(
+    found: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No URDF in a text; the picture is left out where matplotlib is not installed."""
+    schedule = found.schedule
+    for shown in (found, schedule, found.job, schedule.robot, found.job.cell.robot):
+        assert len(repr(shown)) < 80
+    assert (
+        repr(found)
+        == f"<Plan of Yaskawa Motoman SDA10F: {found.cycle_time:.3f} s, 3 stages, verified>"
+    )
+    assert all(task.id in found.job._repr_html_() for task in found.job.tasks)
+    for shown in (found, schedule):
+        html = shown._repr_html_()
+        assert f"{found.cycle_time:.3f} s" in html and "no shapes of left_tool" in html
+        assert "data:image/svg+xml" in html
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert "<img" not in found._repr_html_()
+    with pytest.raises(dualarm_cli.MissingDependencyError, match=r"dualarm\[plot\]"):
+        schedule.plot()
+
+
+def test_curves_are_those_of_the_motion(found: Plan) -> None:
+    """At the knots, for the named joints, in given axes."""
+    schedule = found.schedule
+    axes = Figure().subplots()
+    assert schedule.plot("acceleration", ["left_s", "torso_b1"], axes) is axes
+    assert [line.get_label() for line in axes.lines] == ["left_s", "torso_b1"]
+    time, values = axes.lines[0].get_data()
+    knots = np.searchsorted(time, schedule.joint("left_s").time)
+    assert values[knots] == pytest.approx(schedule.joint("left_s").acceleration[:, 0])
+    for quantity, joints in (("jerk", None), ("velocity", ["left_x"])):
+        with pytest.raises(UsageError):
+            schedule.plot(quantity, joints, axes)  # type: ignore[arg-type]
 
 
 def test_data_frames_have_the_samples(found: Plan) -> None:

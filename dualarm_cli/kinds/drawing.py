@@ -48,9 +48,8 @@ def new_figure(width: float, height: float) -> Any:
         MissingDependencyError: matplotlib is not installed.
     """
     try:
+        # Not pyplot, whose backend is that of a notebook or none.
         import matplotlib as mpl
-
-        mpl.use("Agg")
         from matplotlib.figure import Figure
     except ImportError:
         raise MissingDependencyError("matplotlib", "plot") from None

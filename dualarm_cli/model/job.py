@@ -19,7 +19,7 @@ from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import JointLimits, Robot
 from dualarm_cli.model.seam import SeamWork
-from dualarm_cli.records import dataclass
+from dualarm_cli.records import ShownInNotebooks, dataclass
 from dualarm_cli.refusals import Refusal
 
 Action = Literal[
@@ -286,7 +286,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Job:
+class Job(ShownInNotebooks):
     """Cell and tasks."""
 
     cell: Cell
@@ -328,6 +328,10 @@ class Job:
     """
     start_place: Place = field(default=NOWHERE, compare=False)
     """Place of the start in its file, or the file that omits it."""
+
+    def __repr__(self) -> str:
+        """Describe the job in a line."""
+        return f"<Job of {self.cell.robot.name}: {len({task.id for task in self.tasks})} tasks>"
 
     @cached_property
     def limits(self) -> JointLimits:
@@ -458,7 +462,11 @@ class Job:
         for section in self.sections():
             section_stages, deadlocked = _section_stages(section, self.cell.robot)
             if deadlocked:
-                raise InfeasibleError(_waiting_forever([task for task, _ in deadlocked]))
+                tasks = [task for task, _ in deadlocked]
+                names = list(dict.fromkeys(task.id for task in tasks))
+                first = next(task for task in tasks if task.after)
+                more = {"names": names, "tasks": tasks}
+                raise InfeasibleError(Refusal("waits_forever", first.place, first.id, more=more))
             stages += section_stages
         return stages
 
@@ -489,10 +497,3 @@ def _section_stages(
         needs,
         ends,
     )
-
-
-def _waiting_forever(tasks: Sequence[Task]) -> Refusal:
-    """Refuse tasks that wait for each other in the given order."""
-    names, first = dict.fromkeys(task.id for task in tasks), next(t for t in tasks if t.after)
-    more = {"names": list(names), "tasks": tasks}
-    return Refusal("waits_forever", first.place, first.id, more=more)

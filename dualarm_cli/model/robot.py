@@ -164,6 +164,10 @@ class Robot:
         postures.setdefault("home", readonly(np.zeros(len(self.joints))))
         object.__setattr__(self, "postures", postures)
 
+    def __repr__(self) -> str:
+        """Describe the robot in a line."""
+        return f"<Robot {self.name}: {len(self.joints)} joints>"
+
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all moving joints, in the URDF's order."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field
-from functools import cached_property
+from functools import cached_property, lru_cache
+from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
@@ -13,13 +14,14 @@ import pinocchio as pin
 
 from dualarm_cli.errors import MissingDependencyError, UsageError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
 from dualarm_cli.model.job import AFTER_DWELL, Dwell, Job
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits, sliding_joints
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
-from dualarm_cli.records import dataclass
+from dualarm_cli.records import ShownInNotebooks, dataclass
 
 DURATION = "duration"
 """Bottleneck of a stage whose duration the task file gives."""
@@ -86,6 +88,11 @@ class ScheduleRobot:
     def platform_slides(self) -> bool:
         """Whether all joints of the platform slide."""
         return bool(self.platform) and self.sliding.issuperset(self.platform)
+
+    def __repr__(self) -> str:
+        """Describe the robot in a line."""
+        arms = ", ".join(self.arms)
+        return f"<ScheduleRobot {self.name}: {len(self.limits.joints)} joints, arms {arms}>"
 
     @classmethod
     def of_job(cls, job: Job) -> ScheduleRobot:
@@ -197,6 +204,10 @@ class Event:
         """
         return self.time + (self.dwell if self.action in AFTER_DWELL else 0.0)
 
+    def __repr__(self) -> str:
+        """Describe the event in a line."""
+        return f"<Event at {self.time:.3f} s: {self.arm} {self.action} {self.task}>"
+
 
 @dataclass(frozen=True)
 class JointSamples:
@@ -212,6 +223,11 @@ class JointSamples:
     """Velocities [rad/s or m/s], shape (k, n)."""
     acceleration: FloatArray
     """Accelerations [rad/s² or m/s²], shape (k, n)."""
+
+    def __repr__(self) -> str:
+        """Describe the samples in a line."""
+        rows, columns = self.position.shape
+        return f"<JointSamples: {columns} joints at {rows} times up to {self.time[-1]:.3f} s>"
 
     def to_dataframe(self) -> Any:
         """Convert to a pandas data frame by time [s], three columns for each joint.
@@ -234,6 +250,12 @@ class JointSamples:
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
 
+@lru_cache(maxsize=8)
+def _pinocchio_model(urdf: str) -> pin.Model:
+    """Build the pinocchio model of a URDF."""
+    return pin.buildModelFromXML(urdf)
+
+
 @dataclass(frozen=True)
 class Provenance:
     """Origin of a schedule; enough to reproduce it."""
@@ -249,7 +271,7 @@ class Provenance:
 
 
 @dataclass(frozen=True)
-class Schedule:
+class Schedule(ShownInNotebooks):
     """Plan of a job: motion, stages, segments and events."""
 
     robot: ScheduleRobot
@@ -326,6 +348,76 @@ class Schedule:
         return JointSamples(
             (name,), motion.time, motion.position, motion.velocity, motion.acceleration
         )
+
+    def tool_pose(self, arm: str, time: float) -> pin.SE3:
+        """Compute the pose of an arm's tool centre point in the world.
+
+        Args:
+            arm: left or right; the point is that of the arm's fixed tool.
+            time: from 0 to the duration [s].
+
+        Raises:
+            UsageError: unknown arm, or a time outside the motion.
+        """
+        return self._tool(arm, time)[0]
+
+    def jacobian(self, arm: str, time: float) -> FloatArray:
+        """Compute the Jacobian of an arm's tool centre point in the world, shape (6, n).
+
+        It maps velocities of all n joints, in the order of `trajectory.joints`, to the linear velocity [m/s] of the
+        point and the angular velocity [rad/s] of the tool. Arguments and errors are those of `tool_pose`.
+        """
+        return self._tool(arm, time)[1]
+
+    def _tool(self, arm: str, time: float) -> tuple[pin.SE3, FloatArray]:
+        """Compute the pose and the Jacobian of a tool; see `tool_pose` and `jacobian`."""
+        if arm not in self.robot.arms:
+            raise UsageError(f"arm {arm!r}: {self.robot.name} has {', '.join(self.robot.arms)}")
+        if not 0.0 <= time <= self.duration:
+            raise UsageError(f"time {time:g} s: must be from 0 to {self.duration:g} s")
+        model, motion, part = (
+            _pinocchio_model(self.robot.urdf),
+            self.trajectory,
+            self.robot.arms[arm],
+        )
+        order = [motion.joints.index(name) for name in model.names[1:]]
+        position = motion.at(np.array([time + motion.time[0]]))[0][0]
+        data, frame = model.createData(), model.getFrameId(part.flange, pin.FrameType.BODY)
+        pin.forwardKinematics(model, data, position[order])
+        in_flange = pin.computeFrameJacobian(model, data, position[order], frame, pin.LOCAL)
+        # The model's data hold the frame, which later calculations overwrite.
+        pose = self.robot.base * pin.updateFramePlacement(model, data, frame) * part.tcp
+        turned = pin.SE3(pose.rotation, np.zeros(3)) * part.tcp.inverse()
+        jacobian = np.empty((6, len(order)))
+        jacobian[:, order] = product(turned.action, in_flange)
+        return pose, jacobian
+
+    def plot(
+        self,
+        quantity: Literal["position", "velocity", "acceleration"] = "velocity",
+        joints: Sequence[str] | None = None,
+        axes: Any = None,
+    ) -> Any:
+        """Draw a quantity of joints over time with matplotlib; returns the axes.
+
+        Args:
+            quantity: position, velocity or acceleration.
+            joints: names of joints; None for all.
+            axes: matplotlib axes to draw into; None for a new figure.
+
+        Raises:
+            MissingDependencyError: matplotlib is not installed.
+            UsageError: unknown quantity or joint.
+        """
+        # Figures are a layer above: they are imported when one is drawn.
+        figures: Any = import_module("dualarm_cli.report.figures.motion_figure")
+        return figures.plot_motion(self, quantity, joints, axes)
+
+    def __repr__(self) -> str:
+        """Describe the schedule in a line."""
+        verdict = "not verified" if self.verification is None else self.verification.verdict
+        stages = f"{len(self.stages)} stages"
+        return f"<Schedule of {self.robot.name}: {self.duration:.3f} s, {stages}, {verdict}>"
 
     def to_dataframe(self, rate: float = 250.0) -> Any:
         """Sample all joints into a pandas data frame; see `sample` and `JointSamples.to_dataframe`."""

@@ -106,6 +106,16 @@ class Verification:
         return tuple(f"{_OPEN[name]}: {unchecked[name]}" for name in _OPEN if name in unchecked)[:1]
 
     @property
+    def verdict(self) -> str:
+        """Verdict in a phrase, with the names of failed checks."""
+        failed = ", ".join(check.name for check in self.failures) or "nothing could be checked"
+        return "verified" if self.passed else f"verification FAILED: {failed}"
+
+    def __repr__(self) -> str:
+        """Describe the result in a line."""
+        return f"<Verification of {len(self.checks)} checks: {self.verdict}>"
+
+    @property
     def failures(self) -> tuple[Check, ...]:
         """Failed checks."""
         return tuple(check for check in self.checks if check.verdict == "failed")
