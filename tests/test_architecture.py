@@ -190,7 +190,7 @@ def test_no_sentence_of_our_own_is_cut_or_searched():
     foreign = {
         ("dualarm_cli.errors", "words in str(error)"),
         ("dualarm_cli.robot_import.expanded_text", "'ermission denied' in str(error)"),
-        ("dualarm_cli.robot_import.importing", "quote(name) in found.message"),
+        ("dualarm_cli.robot_import.importing", "quote(name) in diagnostic.message"),
         ("dualarm_cli.scoring.baseline", "str(error).partition(' for integer')"),
     }
     whole = {

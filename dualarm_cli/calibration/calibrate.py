@@ -85,41 +85,41 @@ def fit_tools_and_pose(sides: dict[str, Side], noise: float | None) -> JointFit:
     unknown = [side for side, data in sides.items() if data.flanges is not None]
     names = [*POSE, *(f"{side} {name}" for side in unknown for name in TOOL)]
     tools = {side: data.tool for side, data in sides.items()}
-    rest, J, scale, G, pose = _linearised(sides, tools)
+    residuals, J, scale, G, pose = _linearised(sides, tools)
     for _ in range(ITERATIONS):
-        step = -look(J, scale).inverse @ rest
-        size, squares = 1.0, float(rest @ rest)
+        step = -look(J, scale).inverse @ residuals
+        size, squares = 1.0, float(residuals @ residuals)
         for _ in range(HALVINGS):
             trial = {
                 side: tools[side] + size * step[6 + 3 * k : 9 + 3 * k]
                 for k, side in enumerate(unknown)
             }
-            rest, J, scale, G, pose = _linearised(sides, {**tools, **trial})
-            if float(rest @ rest) <= squares:
+            residuals, J, scale, G, pose = _linearised(sides, {**tools, **trial})
+            if float(residuals @ residuals) <= squares:
                 break
             size /= 2.0
         tools = {**tools, **trial}
         if size * float(np.abs(step[6:]).max()) < CONVERGED:
             break
     sight = look(J, scale)
-    # Of a direction that is not seen, the origin's shift by its turn must not be forgotten.
+    # An unobservable turn also moves the origin.
     pose_seen = sight.seen[:6] & ~((np.abs(G) > 0.0) @ ~sight.seen)[:6]
     if not pose_seen.all():
-        raise InfeasibleError(_unseen(sight, names, len(rest) // 3))
-    covariance, degrees = _noise(sight, rest, noise)
-    words = tuple(sight.in_words(names))
-    rms = float(np.sqrt(rest @ rest / (len(rest) // 3)))
+        raise InfeasibleError(_unseen(sight, names, len(residuals) // 3))
+    covariance, degrees = _noise(sight, residuals, noise)
+    rms = float(np.sqrt(residuals @ residuals / (len(residuals) // 3)))
     fits = {}
     for k, side in enumerate(unknown):
         part = slice(6 + 3 * k, 9 + 3 * k)
         seen: BoolArray = sight.seen[part]
-        own = None if covariance is None else readonly(covariance[part, part])
+        tool_covariance = None if covariance is None else readonly(covariance[part, part])
         tool = readonly(tools[side])
-        fits[side] = ToolFit(TOOL, tool, seen, own, degrees, rms, () if seen.all() else words)
+        notes = () if seen.all() else tuple(sight.in_words(names))
+        fits[side] = ToolFit(TOOL, tool, seen, tool_covariance, degrees, rms, notes)
     spread = None
     if covariance is not None:
         spread = (G @ covariance @ G.T)[:6, :6]
-        refuse_loose_turn(spread, degrees, float(np.sqrt(rest @ rest / len(rest))))
+        refuse_loose_turn(spread, degrees, float(np.sqrt(residuals @ residuals / len(residuals))))
     return JointFit(fits, CalibrationSolution(*pose, spread, degrees))
 
 
@@ -154,15 +154,18 @@ def _linearised(
 
 
 def _noise(
-    sight: Sight, rest: FloatArray, noise: float | None
+    sight: Sight, residuals: FloatArray, noise: float | None
 ) -> tuple[FloatArray | None, int | None]:
-    """Returns the covariance of all unknowns, None where nothing tells the noise, and its degrees of freedom."""
-    degrees = len(rest) - sight.rank
+    """Estimate the covariance of all unknowns and its degrees of freedom.
+
+    The covariance is None if the noise is neither stated nor observable.
+    """
+    degrees = len(residuals) - sight.rank
     if noise is not None:
         return sight.covariance(2.0 * noise**2), None
-    if degrees <= 0:  # as many unknowns as equations: nothing is left that would tell
+    if degrees <= 0:  # as many unknowns as equations: the noise is unobservable
         return None, degrees
-    return sight.covariance(float(rest @ rest) / degrees), degrees
+    return sight.covariance(float(residuals @ residuals) / degrees), degrees
 
 
 def _unmatched(causes: Sequence[Refusal | str]) -> InfeasibleError:
@@ -182,9 +185,9 @@ _note = NoteTable(
     "calibration",
     unseen_height="{side}: base_height cannot be observed from joint readings alone: a robot mounted higher by "
     "h has the same joint readings at the same points, and the transform absorbs h; measure the points' "
-    "coordinates as well (xyz beside joints)",
+    "coordinates as well (xyz in addition to joints)",
     joints_alone="tools were fitted from joint readings alone, with the transform (nonlinear least squares); "
-    "base heights cannot be observed this way: the transform absorbs them",
+    "base heights cannot be observed: the transform absorbs them",
     exact_tools="the transform's uncertainty treats fitted tools and heights as exact",
     readings_differ="{side}: joint readings and coordinates of the same points differ by up to {off:.4g} mm, "
     "more than a noise of {noise:g} mm explains; check the tool and robot files, or fit them: "
@@ -243,7 +246,7 @@ def calibrate(touches: Touches, method: str, use: str) -> Calibration:
         # Readings that contradict each other are the likeliest reason.
         raise _unmatched([*error.refusals, *readings]) from None
     if joint_fit is not None and method == "least_squares":
-        # The same transform; its uncertainty now has that of the tools in it.
+        # The same transform; its uncertainty now includes that of the tools.
         solution = joint_fit.solution
     elif joint_fit is not None:
         solution = CalibrationSolution(solution.rotation, solution.translation, None, None)
@@ -314,26 +317,26 @@ def _tips(side: str, touch: TouchSide, fit: ToolFit | None, use: str) -> FloatAr
 
 def _readings_disagree(touches: Touches, tools: dict[str, ToolFit]) -> list[Note]:
     """List discrepancies of coordinates and joint readings that noise does not explain."""
-    found = []
+    warnings = []
     for side, touch in touches.sides.items():
         both = touch.read & touch.measured
         if not both.any():
             continue
         fit = tools.get(side)
-        apart = (_tips(side, touch, fit, "joints") - touch.xyz)[both]
+        differences = (_tips(side, touch, fit, "joints") - touch.xyz)[both]
         fitted = 0 if fit is None else int(fit.determined.sum())
-        off = readings_apart(apart, touches.noise, fitted)
+        off = readings_apart(differences, touches.noise, fitted)
         if off is not None:
             noise = LEVELS.touch_noise if touches.noise is None else touches.noise
-            found.append(_note("readings_differ", side=side, off=off * 1e3, noise=noise * 1e3))
-    return found
+            warnings.append(_note("readings_differ", side=side, off=off * 1e3, noise=noise * 1e3))
+    return warnings
 
 
 def _second_joints(touches: Touches, tools: dict[str, ToolFit]) -> dict[str, float]:
-    found = {}
+    heights = {}
     for side, fit in tools.items():
         robot = touches.sides[side].robot
         height = second_joint_height(robot) if robot is not None else None
         if height is not None and HEIGHT in fit.names and fit.determined[fit.names.index(HEIGHT)]:
-            found[side] = height + fit.value(HEIGHT, 0.0)
-    return found
+            heights[side] = height + fit.value(HEIGHT, 0.0)
+    return heights

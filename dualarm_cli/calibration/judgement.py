@@ -91,7 +91,7 @@ def check_consistency(problem: CalibrationProblem, fitted: int = 0) -> Consisten
     squares = least_squares(problem)
     degrees = 3 * len(problem.names) - 6 - fitted
     noise = LEVELS.touch_noise if problem.noise is None else problem.noise
-    # Both robots' noise is in a residual.
+    # A residual contains the noise of both robots.
     too_much = degrees > 0 and not explained(squares, degrees, 2.0 * noise**2)
     return Consistency(
         too_much, _outlier(problem, squares, fitted), _scale(problem, squares, fitted)
@@ -113,8 +113,8 @@ def readings_apart(apart: FloatArray, noise: float | None, fitted: int) -> float
     if worst <= LEVELS.relevant**2 or degrees <= 0:
         return None
     variance = 2.0 * (LEVELS.touch_noise if noise is None else noise) ** 2
-    together = explained(float(squares.sum()), degrees, variance, LEVELS.readings_level)
-    if together and explained(worst, 3, variance, LEVELS.readings_level / len(squares)):
+    all_explained = explained(float(squares.sum()), degrees, variance, LEVELS.readings_level)
+    if all_explained and explained(worst, 3, variance, LEVELS.readings_level / len(squares)):
         return None
     return math.sqrt(worst)
 
@@ -137,11 +137,11 @@ def _outlier(problem: CalibrationProblem, squares: float, fitted: int) -> Outlie
     degrees = 3 * n - 9 - fitted
     if degrees <= 0:
         return None
-    kept = np.array([[k for k in range(n) if k != out] for out in range(n)])
-    left, right = problem.left[kept], problem.right[kept]
+    subsets = np.array([[k for k in range(n) if k != out] for out in range(n)])
+    left, right = problem.left[subsets], problem.right[subsets]
     R, t = fit_rigid(left, right)
-    rest = left - (right @ np.swapaxes(R, -1, -2) + t[:, None])
-    without = (rest**2).sum(axis=(1, 2))
+    residuals = left - (right @ np.swapaxes(R, -1, -2) + t[:, None])
+    without = (residuals**2).sum(axis=(1, 2))
     worst = int(np.argmin(without))
     least = max(float(without[worst]), 1e-30)
     off = float(np.linalg.norm(problem.left[worst] - R[worst] @ problem.right[worst] - t[worst]))
@@ -230,11 +230,11 @@ def judge(
     """
     residuals = solution.residuals(problem.left, problem.right)
     left, right = measure_spread(problem.left), measure_spread(problem.right)
-    apart = distances(problem.left), distances(problem.right)
+    spacing = distances(problem.left), distances(problem.right)
     n = len(problem.names)
     pairs = tuple(
         PairDistance(
-            problem.names[i], problem.names[j], float(apart[0][i, j]), float(apart[1][i, j])
+            problem.names[i], problem.names[j], float(spacing[0][i, j]), float(spacing[1][i, j])
         )
         for i in range(n)
         for j in range(i + 1, n)
@@ -266,7 +266,7 @@ def _few(problem: CalibrationProblem, method: str) -> list[str]:
         return []
     return [
         "three points are the minimum, and a bad one may go undetected; touch 4 to 8 points, "
-        "well spread in all directions"
+        "well spread in every direction"
     ]
 
 
@@ -280,7 +280,7 @@ def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list
         f"the points are nearly on one line: none is more than {left.height * 1000:.1f} mm (left) and "
         f"{right.height * 1000:.1f} mm (right) off the line of {worst.length * 1000:.0f} mm "
         f"through {ends}, so touching errors "
-        f"rotate the result about that line; touch a point at least {worst.length * 500:.0f} mm beside it"
+        f"rotate the result about that line; touch a point at least {worst.length * 500:.0f} mm off it"
     ]
 
 
@@ -302,16 +302,16 @@ def _disagreement(
     fitted: int,
 ) -> list[str]:
     """Warn about discrepancies between the robots that exceed noise."""
-    found = []
+    warnings = []
     if consistency.scale is not None:
-        found.append(
+        warnings.append(
             f"the left robot's points span {consistency.scale:.4f} times what "
             "the right robot's points span; check units, tools and link lengths in the robot files"
         )
     if problem.noise is None and consistency.contradicted:
         worst = max(pairs, key=lambda pair: abs(pair.left - pair.right))
         touches = f"a noise of {LEVELS.touch_noise * 1000:g} mm"
-        found.append(
+        warnings.append(
             f"the robots disagree by {abs(worst.left - worst.right) * 1000:.1f} mm about the "
             f"distance of {worst.first} and {worst.second}, more than "
             + (touches if consistency.too_much else "their noise")
@@ -319,19 +319,19 @@ def _disagreement(
         )
     elif consistency.too_much and problem.noise is not None:
         degrees = 3 * len(problem.names) - 6 - fitted
-        found.append(
+        warnings.append(
             f"the residuals are larger than a noise of {problem.noise * 1000:g} mm explains (it would take "
             f"{math.sqrt(least_squares(problem) / degrees / 2.0) * 1000:.2g} mm), so the intervals are too narrow; "
             "check single points, tools and robot files, or leave out `noise`"
         )
     if consistency.outlier is not None:
         outlier = consistency.outlier
-        found.append(
+        warnings.append(
             f"without {problem.names[outlier.point]} the others fit {outlier.factor:.3g} times better, and it is "
             f"{outlier.off * 1000:.3g} mm from where they predict it: touch it again, or check that both robots "
             "touched the same point"
         )
-    return found
+    return warnings
 
 
 def mirrored(problem: CalibrationProblem) -> list[str]:
@@ -363,5 +363,5 @@ def _uncertain(widths: FloatArray | None, method: str) -> list[str]:
     return [
         f"the rotation is known to ±{math.degrees(float(widths[3:].max())):.2g} deg only (95 %), which is "
         f"{math.tan(min(float(widths[3:].max()), 1.5)) * 1000:.0f} mm at a distance of 1 m; touch "
-        "more points, farther apart in all directions"
+        "more points, farther apart in every direction"
     ]

@@ -41,8 +41,8 @@ class CalibrationSolution:
 
     def residuals(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """Compute the residuals [m] of points (n, 3) [m], shape (n, 3)."""
-        found: FloatArray = left - (right @ self.rotation.T + self.translation)
-        return found
+        residuals: FloatArray = left - (right @ self.rotation.T + self.translation)
+        return residuals
 
 
 LEAST_POINTS = 3

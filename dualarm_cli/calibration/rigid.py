@@ -76,8 +76,8 @@ def _covariance(problem: CalibrationProblem, R: FloatArray, t: FloatArray) -> Fl
         turned, shifted = relative_pose(side[:, 0], side[:, 1], problem.origin)
         slopes.append(np.concatenate([shifted - t, log_rotation(turned @ R.T)], axis=1))
     slope = (slopes[0] - slopes[1]) / (2.0 * step)
-    found: FloatArray = slope.T @ slope
-    return found
+    covariance: FloatArray = slope.T @ slope
+    return covariance
 
 
 LOOSEST = np.pi / 2.0
@@ -99,7 +99,7 @@ def solve_least_squares(problem: CalibrationProblem) -> CalibrationSolution:
     refuse_lines(problem)
     R, t = fit_rigid(left, right)
     degrees = None if problem.noise is not None else 3 * len(left) - 6
-    # Both robots' noise is in a residual, so that its variance is twice that of a coordinate.
+    # A residual contains the noise of both robots: its variance is twice that of a coordinate.
     variance = (
         2.0 * problem.noise**2 if problem.noise is not None else residual_variance(left, right)
     )
@@ -119,7 +119,7 @@ def refuse_loose_turn(covariance: FloatArray, degrees: int | None, noise: float)
     Raises:
         InfeasibleError: its 95 % interval reaches a quarter turn.
     """
-    # The axis about which the rotation is least sure need not be one of the frame's.
+    # The axis of the largest uncertainty is in general no axis of the frame.
     deviation = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
     width = interval_factor(degrees) * deviation
     if width >= LOOSEST:
@@ -156,8 +156,8 @@ def residual_variance(left: FloatArray, right: FloatArray) -> FloatArray:
         right: the same points in the right frame [m], shape (..., n, 3).
     """
     R, t = fit_rigid(left, right)
-    rest = left - (right @ np.swapaxes(R, -1, -2) + t[..., None, :])
-    total: FloatArray = (rest**2).sum(axis=(-1, -2)) / (3 * left.shape[-2] - 6)
+    residuals = left - (right @ np.swapaxes(R, -1, -2) + t[..., None, :])
+    total: FloatArray = (residuals**2).sum(axis=(-1, -2)) / (3 * left.shape[-2] - 6)
     return total
 
 
@@ -185,9 +185,9 @@ def pose_covariance(
     trace = np.trace(M, axis1=-2, axis2=-1)[..., None, None]
     turn = variance * np.linalg.inv(trace * np.eye(3) - M)
     lever = -skew(-(R @ right.mean(axis=-2)[..., None])[..., 0])
-    found = np.zeros((*R.shape[:-2], 6, 6))
-    found[..., :3, :3] = variance / n * np.eye(3) + lever @ turn @ np.swapaxes(lever, -1, -2)
-    found[..., :3, 3:] = lever @ turn
-    found[..., 3:, :3] = turn @ np.swapaxes(lever, -1, -2)
-    found[..., 3:, 3:] = turn
-    return found
+    covariance = np.zeros((*R.shape[:-2], 6, 6))
+    covariance[..., :3, :3] = variance / n * np.eye(3) + lever @ turn @ np.swapaxes(lever, -1, -2)
+    covariance[..., :3, 3:] = lever @ turn
+    covariance[..., 3:, :3] = turn @ np.swapaxes(lever, -1, -2)
+    covariance[..., 3:, 3:] = turn
+    return covariance

@@ -44,8 +44,8 @@ def region_limit(degrees: int | None, count: int = 6) -> float:
 def half_widths(covariance: FloatArray, degrees: int | None) -> FloatArray:
     """Compute the half widths (n,) of the intervals of single numbers from a covariance (n, n)."""
     deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    found: FloatArray = interval_factor(degrees) * deviations
-    return found
+    widths: FloatArray = interval_factor(degrees) * deviations
+    return widths
 
 
 def explained(squares: float, degrees: int, variance: float, level: float = 0.01) -> bool:
@@ -109,13 +109,13 @@ class Sight:
 
     def in_words(self, names: Sequence[str]) -> list[str]:
         """Describe each unobservable direction as a sum of parameters."""
-        found = []
+        directions = []
         for row in self.unseen:
             largest = [k for k, share in enumerate(row) if abs(share) > 0.05]
             sign = np.sign(row[largest[0]])
             terms = [f"{sign * row[k]:+.2f} {names[k]}" for k in largest]
-            found.append(" ".join(terms).removeprefix("+"))
-        return found
+            directions.append(" ".join(terms).removeprefix("+"))
+        return directions
 
 
 def look(jacobian: FloatArray, scale: FloatArray) -> Sight:
@@ -128,13 +128,13 @@ def look(jacobian: FloatArray, scale: FloatArray) -> Sight:
     _, values, Vt = np.linalg.svd(jacobian * scale, full_matrices=True)
     count = jacobian.shape[1]
     values = np.concatenate([values, np.zeros(count - len(values))])
-    good = values > SPREAD.weakest * values[0]
-    kept = Vt[good]
-    # pinv(J S) = V diag(1 / values²) Vᵀ (J S)ᵀ over the directions that are seen.
-    inverse = scale[:, None] * (kept.T / values[good] ** 2) @ kept @ (jacobian * scale).T
-    unseen = Vt[~good]
-    share = np.linalg.norm(unseen, axis=0)
-    return Sight(inverse, share < SPREAD.share, unseen, int(good.sum()))
+    kept = values > SPREAD.weakest * values[0]
+    seen = Vt[kept]
+    # pinv(J S) = V diag(1 / values²) Vᵀ (J S)ᵀ over the observable directions.
+    inverse = scale[:, None] * (seen.T / values[kept] ** 2) @ seen @ (jacobian * scale).T
+    unseen = Vt[~kept]
+    components = np.linalg.norm(unseen, axis=0)
+    return Sight(inverse, components < SPREAD.share, unseen, int(kept.sum()))
 
 
 @dataclass(frozen=True)
@@ -161,9 +161,9 @@ class Spread:
 
 def measure_spread(points: FloatArray) -> Spread:
     """Measure the spread of points (n, 3) [m]."""
-    apart = distances(points)
-    i, j = (int(k) for k in np.unravel_index(np.argmax(apart), apart.shape))
-    length = float(apart[i, j])
+    point_distances = distances(points)
+    i, j = (int(k) for k in np.unravel_index(np.argmax(point_distances), point_distances.shape))
+    length = float(point_distances[i, j])
     along = (points[j] - points[i]) / length if length > 0.0 else np.zeros(3)
     across = points - points[i] - ((points - points[i]) @ along)[:, None] * along
     values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
@@ -174,8 +174,8 @@ def measure_spread(points: FloatArray) -> Spread:
 
 def distances(points: FloatArray) -> FloatArray:
     """Compute the distances between points (n, 3) [m], shape (n, n)."""
-    found: FloatArray = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    return found
+    lengths: FloatArray = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    return lengths
 
 
 def refuse_lines(problem: CalibrationProblem) -> None:

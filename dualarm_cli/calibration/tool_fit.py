@@ -24,8 +24,8 @@ class Flanges:
 
     def tips(self, tool: FloatArray, height: float = 0.0) -> FloatArray:
         """Compute the tips (n, 3) [m] of a tool (3,) [m], raised by a height [m]."""
-        found: FloatArray = self.position + self.rotation @ tool + np.array([0.0, 0.0, height])
-        return found
+        tips: FloatArray = self.position + self.rotation @ tool + np.array([0.0, 0.0, height])
+        return tips
 
 
 def flange_poses(robot: Robot, joints: FloatArray) -> Flanges:
@@ -85,11 +85,11 @@ def touched_points(
     has = {"joints": touch.read, "xyz": touch.measured}
     if not has[use].any() and not has["xyz" if use == "joints" else "joints"].all():
         raise UsageError(f"the {side} robot has no {use} for any point")
-    found = touch.xyz.copy()
+    points = touch.xyz.copy()
     by_joints = touch.read & ((use == "joints") | ~touch.measured)
     if by_joints.any() and touch.robot is not None:
-        found[by_joints] = flange_poses(touch.robot, touch.joints[by_joints]).tips(tool, height)
-    return found
+        points[by_joints] = flange_poses(touch.robot, touch.joints[by_joints]).tips(tool, height)
+    return points
 
 
 TOOL = ("tool x", "tool y", "tool z")
@@ -151,21 +151,21 @@ def fit_tool(
     A = np.concatenate(columns, axis=2).reshape(3 * n, -1)
     sight = look(A, np.ones(len(names)))
     before = np.concatenate([tool if "tool" in fitted else [], np.zeros(len(names) % 3)])
-    rest = (xyz - flanges.tips(tool)).ravel()
-    step = sight.inverse @ rest
-    rest = rest - A @ step
+    residuals = (xyz - flanges.tips(tool)).ravel()
+    step = sight.inverse @ residuals
+    residuals = residuals - A @ step
     degrees = 3 * n - sight.rank
     covariance = None
     if noise is not None:
         covariance = sight.covariance(noise**2)
     elif degrees > 0:
-        covariance = sight.covariance(float(rest @ rest) / degrees)
+        covariance = sight.covariance(float(residuals @ residuals) / degrees)
     return ToolFit(
         names,
         readonly(before + step),
         sight.seen,
         covariance,
         None if noise is not None else degrees,
-        float(np.sqrt(rest @ rest / n)),
+        float(np.sqrt(residuals @ residuals / n)),
         tuple(sight.in_words(names)),
     )

@@ -198,8 +198,8 @@ def _evaluate(
     with score_progress(len(requests), quiet) as report:
         for answer in answers(requests, checked, store):
             evaluations[requests[answer.index].case] = answer.evaluation
-            cached += answer.known
-            report(answer.evaluation, answer.known)
+            cached += answer.from_store
+            report(answer.evaluation, answer.from_store)
     if store is not None and not quiet:
         print_message(f"unchanged and not planned again: {cached} of {len(requests)}")
     say_unkept(store)

@@ -48,7 +48,7 @@ def _study_progress(total: int, quiet: bool) -> Iterator[Callable[[Progress], No
     with progress_bar("planning", total, quiet) as show:
 
         def report(progress: Progress) -> None:
-            cached = [f"{progress.known} cached"] if progress.known else []
+            cached = [f"{progress.from_store} cached"] if progress.from_store else []
             time = None if progress.best is None else progress.best.figures["cycle_time"]
             best = [] if time is None else [f"best {time:.3f} s"]
             if show is not None:
@@ -342,7 +342,7 @@ def _write_pages(
 
 
 def _plans(desk: Desk) -> str:
-    cached = f", {desk.known} cached" if desk.known else ""
+    cached = f", {desk.from_store} cached" if desk.from_store else ""
     return f"{desk.planned} job{'s' * (desk.planned != 1)} planned{cached}"
 
 

@@ -24,8 +24,8 @@ class Answer:
     """Index of the request."""
     evaluation: Evaluation
     """Result of the request."""
-    known: bool
-    """Whether the store knew."""
+    from_store: bool
+    """Flag of an evaluation from the store."""
 
 
 def answers(
@@ -46,15 +46,15 @@ def answers(
         InputError: a file changed meanwhile, so that answers cannot be compared with each other.
     """
     seen = {} if seen is None else seen
-    open_ones: dict[str, list[int]] = {}
+    missing: dict[str, list[int]] = {}
     for index, request in enumerate(requests):
-        found = None if store is None else store.find(request)
-        if found is not None:
-            _compare_inputs(request, found, seen)
-            yield Answer(index, found, known=True)
+        stored = None if store is None else store.find(request)
+        if stored is not None:
+            _compare_inputs(request, stored, seen)
+            yield Answer(index, stored, from_store=True)
         else:
-            open_ones.setdefault(repr(request), []).append(index)
-    places = list(open_ones.values())
+            missing.setdefault(repr(request), []).append(index)
+    places = list(missing.values())
     if not places:
         return
     for number, evaluation in run([requests[same[0]] for same in places]):
@@ -62,7 +62,7 @@ def answers(
             store.keep(requests[places[number][0]], evaluation)
         _compare_inputs(requests[places[number][0]], evaluation, seen)
         for index in places[number]:
-            yield Answer(index, evaluation, known=False)
+            yield Answer(index, evaluation, from_store=False)
 
 
 def _compare_inputs(request: Request, answer: Evaluation, seen: dict[str, str]) -> None:

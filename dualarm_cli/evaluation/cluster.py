@@ -72,7 +72,7 @@ class Cluster:
             raise MissingDependencyError("distributed", "cluster") from None
         _ask(address)
         self._address, self._timeout = address, timeout
-        # What it logs are tracebacks of its own; the cases report what they come to.
+        # Its log has only tracebacks; the evaluations report errors.
         for logger in ("distributed", "distributed.client"):
             logging.getLogger(logger).setLevel(logging.CRITICAL)
         try:
@@ -111,13 +111,13 @@ class Cluster:
             raise UsageError(
                 f"--scheduler {address}: it has no workers; start some by `dask worker {address}`"
             )
-        own = dict(programs())
-        for worker, found in sorted(there.items()):
-            other = [name for name in own if found.get(name) != own[name]]
-            if other:
+        here = dict(programs())
+        for worker, versions in sorted(there.items()):
+            different = [name for name in here if versions.get(name) != here[name]]
+            if different:
                 named = ", ".join(
-                    f"{name} {str(found.get(name))[:12]} there, {own[name][:12]} here"
-                    for name in other[:4]
+                    f"{name} {str(versions.get(name))[:12]} there, {here[name][:12]} here"
+                    for name in different[:4]
                 )
                 raise UsageError(
                     f"--scheduler {address}: worker {worker} may plan differently: "
@@ -142,7 +142,7 @@ class Cluster:
             ): index
             for index, request in enumerate(requests)
         }
-        known: dict[str, str] = {}
+        hashes: dict[str, str] = {}
         try:
             done = as_completed(list(places), loop=self._client.loop)
             seen = looked = time.monotonic()
@@ -150,7 +150,7 @@ class Cluster:
             while done.count():
                 for future in done.next_batch(block=False):
                     index = places[future]
-                    answer = _answer(future, requests[index], known)
+                    answer = _answer(future, requests[index], hashes)
                     if answer is None:
                         raise UsageError(
                             f"--scheduler {self._address}: it has ended or cannot be reached, with {answered} "
@@ -203,10 +203,10 @@ def _ask(address: str) -> None:
             return await there.identity()
 
     try:
-        found = asyncio.run(asyncio.wait_for(ask(), WAITS.connecting))
+        identity = asyncio.run(asyncio.wait_for(ask(), WAITS.connecting))
     except Exception as error:
         raise _no_scheduler(address, error) from None
-    if not isinstance(found, dict) or found.get("type") != "Scheduler":
+    if not isinstance(identity, dict) or identity.get("type") != "Scheduler":
         raise _no_scheduler(address, "another program does")
 
 
@@ -244,26 +244,28 @@ def evaluate_there(
             crew.close()
         crew = Crew(1, timeout)
         _here.crew, _here.timeout = crew, timeout
-    found = list(crew.run([Request.of_document(request)]))
-    return found[0][1].as_document()
+    evaluations = list(crew.run([Request.of_document(request)]))
+    return evaluations[0][1].as_document()
 
 
-def _answer(future: Any, request: Request, known: dict[str, str]) -> Evaluation | None:
-    """Returns what a request came to, or why the cluster has no answer that counts here; None if it has gone.
+def _answer(future: Any, request: Request, hashes: dict[str, str]) -> Evaluation | None:
+    """Collect the evaluation of a request, or the reason why it is invalid.
+
+    Returns None if the cluster has gone.
 
     Args:
-        future: of its evaluation, done in one way or the other.
-        request: what was asked.
-        known: hashes of files here, added to.
+        future: of its evaluation, finished or failed.
+        request: the request.
+        hashes: of local files, extended.
     """
     try:
         if future.status == "finished":
             document = future.result()
             if document is None:
                 return _refused(request, OTHER_PROGRAMS)
-            return _seen_alike(Evaluation.of_document(document), request, known)
+            return _with_same_files(Evaluation.of_document(document), request, hashes)
         if future.status in ("cancelled", "lost"):
-            return None  # nobody here cancels: the client does so when the scheduler ends
+            return None  # cancelled by the client when the scheduler ends
         why = future.exception()
     except asyncio.CancelledError:
         return None
@@ -273,15 +275,15 @@ def _answer(future: Any, request: Request, known: dict[str, str]) -> Evaluation 
     return Evaluation(request.case, "crashed", findings=(finding,))
 
 
-def _seen_alike(answer: Evaluation, request: Request, known: dict[str, str]) -> Evaluation:
-    """Returns an answer if it was made from what the files hold here; what is wrong otherwise."""
+def _with_same_files(answer: Evaluation, request: Request, hashes: dict[str, str]) -> Evaluation:
+    """Return an answer if its files equal the local ones, or else an error."""
     if answer.status in ("timed_out", "crashed"):
         return answer
-    # A task file that nobody can read is reported as without a cluster.
+    # An unreadable task file is reported as without a cluster.
     names = answer.inputs or [request.file]
-    here = hashes_now(names, request.folder, known)
-    other = [name for name in names if answer.inputs.get(name, GONE) != here[name]]
-    return _refused(request, f"{ELSEWHERE} ({', '.join(other)})") if other else answer
+    local_hashes = hashes_now(names, request.folder, hashes)
+    different = [name for name in names if answer.inputs.get(name, GONE) != local_hashes[name]]
+    return _refused(request, f"{ELSEWHERE} ({', '.join(different)})") if different else answer
 
 
 def _refused(request: Request, text: str) -> Evaluation:

@@ -66,7 +66,7 @@ class WorkerProcess:
         self.since = time.monotonic()
         self._rest = b""
         self.answers, theirs = os.pipe()
-        # In memory: where the disk is full there is no other place.
+        # In memory, because the disk may be full.
         self._errors = os.memfd_create("errors")
         self._open = True
         try:
@@ -80,7 +80,7 @@ class WorkerProcess:
                 stdout=subprocess.DEVNULL,
                 stderr=self._errors,
                 pass_fds=(theirs,),
-                # Away from the terminal's Ctrl-C: who supervises ends it.
+                # Detached from the terminal's Ctrl-C: the supervisor ends it.
                 start_new_session=True,
                 env=os.environ | dict.fromkeys(_ONE_THREAD, "1"),
             )
@@ -93,7 +93,7 @@ class WorkerProcess:
     def give(self, attempt: Attempt, request: Request) -> None:
         """Send a request; the death of the process is detected later, when it is read."""
         self.attempt, self.first, self.since = attempt, None, time.monotonic()
-        # The process writes from the same place on: what it said of earlier requests is forgotten.
+        # Drop messages about earlier requests; the process appends at its file position.
         os.ftruncate(self._errors, 0)
         os.lseek(self._errors, 0, os.SEEK_SET)
         line = json.dumps(request.as_document(), allow_nan=False).encode() + b"\n"
@@ -218,7 +218,7 @@ class Crew:
         try:
             yield from self._run(requests)
         finally:
-            # Whoever stops early leaves nothing behind that would answer the next one's requests.
+            # After an early stop, remaining answers must not reach the next run.
             for worker in [w for w in self._workers if w.attempt or w.first]:
                 self._workers.remove(worker)
                 worker.end()
@@ -229,10 +229,10 @@ class Crew:
         left = len(requests)
         self._failed_starts.clear()
         # Processes that have died since the last requests are replaced; no request is lost to them.
-        self._answered(requests, again, 0.0)
+        self._collect(requests, again, 0.0)
         while left:
             self._assign(requests, waiting, again)
-            done = self._answered(requests, again, self._patience())
+            done = self._collect(requests, again, self._time_to_deadline())
             left -= len(done)
             yield from done
             if len(self._failed_starts) >= CREW.failed_starts:
@@ -250,7 +250,7 @@ class Crew:
                 attempt = worker.first or (waiting.popleft() if waiting else None)
                 if attempt is not None:
                     worker.give(attempt, requests[attempt.index])
-        # What failed once gets a process that has done nothing else; an idle one makes room for it.
+        # A repeated attempt gets a fresh process, in place of an idle one.
         while again and len(self._workers) >= self._processes:
             idle = next((w for w in self._workers if w.attempt is None and w.first is None), None)
             if idle is None:
@@ -264,12 +264,12 @@ class Crew:
             self._workers.append(WorkerProcess(None))
             starting += 1
 
-    def _answered(
+    def _collect(
         self, requests: Sequence[Request], again: deque[Attempt], wait: float
     ) -> list[tuple[int, Evaluation]]:
-        """Returns what has come from processes, or was given up, within a time [s]."""
+        """Collect the evaluations that arrive, or are given up, within a time [s]."""
         done = []
-        for worker in self._heard(wait):
+        for worker in self._readable(wait):
             documents, ended = worker.read()
             for document in documents:
                 if document == "ready":
@@ -284,20 +284,20 @@ class Crew:
             done += self._lost(worker, requests, again, "timed_out")
         return done
 
-    def _heard(self, wait: float) -> list[WorkerProcess]:
-        """Returns the processes that have something to say, or have ended, within a time [s]."""
+    def _readable(self, wait: float) -> list[WorkerProcess]:
+        """Return the processes with data, or that have ended, within a time [s]."""
         with selectors.DefaultSelector() as selector:
             for worker in self._workers:
                 selector.register(worker.answers, selectors.EVENT_READ, worker)
             return [key.data for key, _ in selector.select(wait)]
 
-    def _patience(self) -> float:
-        """Returns how long until one of the processes is late [s]."""
-        limits = [limit for worker in self._workers if (limit := self._until(worker)) is not None]
+    def _time_to_deadline(self) -> float:
+        """Compute the time until the next deadline of a process [s]."""
+        limits = [limit for w in self._workers if (limit := self._deadline(w)) is not None]
         return min(CREW.longest_wait, max(0.0, min(limits, default=math.inf) - time.monotonic()))
 
-    def _until(self, worker: WorkerProcess) -> float | None:
-        """Returns until when a process must have said something; None where it has time."""
+    def _deadline(self, worker: WorkerProcess) -> float | None:
+        """Compute the deadline of a process; None without a limit."""
         if not worker.ready:
             return worker.since + CREW.longest_start
         if worker.attempt is None or self._timeout is None:
@@ -306,7 +306,7 @@ class Crew:
 
     def _late(self) -> list[WorkerProcess]:
         now = time.monotonic()
-        return [w for w in self._workers if (limit := self._until(w)) is not None and limit <= now]
+        return [w for w in self._workers if (end := self._deadline(w)) is not None and end <= now]
 
     def _lost(
         self,

@@ -26,8 +26,8 @@ from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification.budget_checks import judge_budget
 
-MOST_FINDINGS = 20
-"""Most findings of one case that are reported."""
+MAX_FINDINGS = 20
+"""Maximum number of reported findings per case."""
 
 
 def evaluate(request: Request) -> Evaluation:
@@ -38,23 +38,23 @@ def evaluate(request: Request) -> Evaluation:
     """
     with recorded_reads() as record:
         try:
-            found = _evaluated(request)
+            evaluation = _evaluated(request)
         except MemoryError:
             raise
         except InputError as error:
             findings = [Finding(d.message, d.file, d.line, d.column) for d in error.diagnostics]
-            found = _failed(request, "bad_input", findings)
+            evaluation = _failed(request, "bad_input", findings)
         except InfeasibleError as error:
-            found = _failed(request, "infeasible", [_located(error, request.case)])
+            evaluation = _failed(request, "infeasible", [_located(error, request.case)])
         except DualArmError as error:
             status = "bad_input" if error.exit_code == 2 else "internal_error"
-            found = _failed(request, status, [Finding(str(error), request.case)])
+            evaluation = _failed(request, status, [Finding(str(error), request.case)])
         except Exception as error:
             if lacks_memory(error):
                 raise MemoryError(str(error)) from None
             text = f"internal error: {type(error).__name__}: {error}; this is a bug"
-            found = _failed(request, "internal_error", [Finding(text, request.case)])
-    return replace(found, inputs=names_of(record, request.folder))
+            evaluation = _failed(request, "internal_error", [Finding(text, request.case)])
+    return replace(evaluation, inputs=names_of(record, request.folder))
 
 
 def settings_of(request: Request) -> PlanSettings:
@@ -90,7 +90,7 @@ def evaluation_of(case: str, plan: Plan, page: bool = False) -> Evaluation:
     nearest: Mapping[str, Any] = smallest_clearance(schedule) or {}
     sliding = schedule.robot.sliding
     turning = tuple(joint for joint in schedule.trajectory.joints if joint not in sliding)
-    found = Evaluation(
+    evaluation = Evaluation(
         case,
         "planned" if plan.verified else "fails_verification",
         cycle_time=float(schedule.duration),
@@ -106,12 +106,12 @@ def evaluation_of(case: str, plan: Plan, page: bool = False) -> Evaluation:
         budgets=judge_budget(schedule, job),
         caveats=plan.caveats,
         findings=tuple(Finding(f"{check.name}: {check.detail}", case) for check in failures)[
-            :MOST_FINDINGS
+            :MAX_FINDINGS
         ],
     )
     figures = (
-        *(found.cycle_time, found.travel, *found.limiting.values()),
-        *(line.measured for line in found.budgets),
+        *(evaluation.cycle_time, evaluation.travel, *evaluation.limiting.values()),
+        *(line.measured for line in evaluation.budgets),
     )
     if not all(math.isfinite(figure) for figure in figures if figure is not None):
         return Evaluation(
@@ -119,8 +119,8 @@ def evaluation_of(case: str, plan: Plan, page: bool = False) -> Evaluation:
         )
     if page:
         data = page_data(schedule, job, plan.report)
-        return replace(found, page=packed_document(data))
-    return found
+        return replace(evaluation, page=packed_document(data))
+    return evaluation
 
 
 def _finite(value: float | None) -> float | None:
@@ -140,16 +140,16 @@ def _limits(limits: JointLimits) -> dict[str, dict[str, float]]:
 
 
 def _failed(request: Request, status: Any, findings: list[Finding]) -> Evaluation:
-    more = len(findings) - MOST_FINDINGS
+    more = len(findings) - MAX_FINDINGS
     if more > 0:
-        findings = [*findings[:MOST_FINDINGS], Finding(f"... and {more} more", request.case)]
+        findings = [*findings[:MAX_FINDINGS], Finding(f"... and {more} more", request.case)]
     return Evaluation(request.case, status, findings=tuple(findings))
 
 
 def _located(error: InfeasibleError, case: str) -> Finding:
     """Locate a finding at the first refusal with a place, or else at the case."""
-    for one in error.refusals:
-        if one.place is not None and one.place.file:
-            place = one.place.file, one.place.line, one.place.column
-            return Finding(message(error.refusals, placed=one), *place)
+    for refusal in error.refusals:
+        if refusal.place is not None and refusal.place.file:
+            place = refusal.place.file, refusal.place.line, refusal.place.column
+            return Finding(message(error.refusals, placed=refusal), *place)
     return Finding(str(error), case)

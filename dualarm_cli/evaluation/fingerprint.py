@@ -38,21 +38,21 @@ def names_of(record: Mapping[str, str], folder: str) -> dict[str, str]:
     return dict(sorted((_name(path, folder), digest) for path, digest in record.items()))
 
 
-def hashes_now(names: Iterable[str], folder: str, known: dict[str, str]) -> dict[str, str]:
-    """Returns the hashes that files have now, sorted by name; GONE for those that cannot be read.
+def hashes_now(names: Iterable[str], folder: str, path_hashes: dict[str, str]) -> dict[str, str]:
+    """Hash the present files, sorted by name; GONE for unreadable ones.
 
     Args:
-        names: as `names_of` gives them.
+        names: in the form of `names_of`.
         folder: the task file's, absolute.
-        known: hashes of paths that were looked at already, added to: many jobs share a robot.
+        path_hashes: hashes by path, extended; many jobs share a robot.
     """
-    found = {}
+    hashes = {}
     for name in sorted(names):
         path = path_of(name, folder)
-        if path not in known:
-            known[path] = _hash(path)
-        found[name] = known[path]
-    return found
+        if path not in path_hashes:
+            path_hashes[path] = _hash(path)
+        hashes[name] = path_hashes[path]
+    return hashes
 
 
 def path_of(name: str, folder: str) -> str:
@@ -64,7 +64,7 @@ def path_of(name: str, folder: str) -> str:
     """
     if name.startswith(BUNDLED):
         return f"{robots_folder()}/{name[len(BUNDLED) :]}"
-    # `..` of a linked folder is where the link leads.
+    # `..` in a linked folder leads to the parent of the link's target.
     return f"{folder}/{name}"
 
 
@@ -117,7 +117,7 @@ def programs() -> Mapping[str, str]:
 
     The code is hashed because a version stays the same during development.
     """
-    found = {
+    versions = {
         "dualarm": __version__,
         "sources": _sources(),
         "python": f"{sys.version_info.major}.{sys.version_info.minor}",
@@ -125,10 +125,10 @@ def programs() -> Mapping[str, str]:
     }
     for name in LIBRARIES:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "none"
-    return found
+            versions[name] = "none"
+    return versions
 
 
 def _sources() -> str:

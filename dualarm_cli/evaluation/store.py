@@ -66,15 +66,15 @@ class Store:
         key = answer_key(request, inputs)
         document = self._read("answers", key)
         try:
-            found = Evaluation.of_document(document)
+            evaluation = Evaluation.of_document(document)
         except ValueError:
             return None
-        same = found.case == request.case and dict(found.inputs) == inputs
-        if not (same and found.status in REPEATABLE and _adds_up(found)):
+        matches = evaluation.case == request.case and dict(evaluation.inputs) == inputs
+        if not (matches and evaluation.status in REPEATABLE and _adds_up(evaluation)):
             return None
-        if not request.page or found.status == "infeasible":
-            return found
-        # It loads numpy, which answers alone do not need.
+        if not request.page or evaluation.status == "infeasible":
+            return evaluation
+        # This import loads numpy, which answers alone do not need.
         from dualarm_cli.page.packed import unpacked_document
 
         page = self._read("pages", key)
@@ -82,7 +82,7 @@ class Store:
             unpacked_document(str(page), MOST_BYTES)
         except ValueError:
             return None
-        return replace(found, page=str(page))
+        return replace(evaluation, page=str(page))
 
     def keep(self, request: Request, answer: Evaluation) -> None:
         """Store an answer if it is repeatable and its files are unchanged.
@@ -108,8 +108,8 @@ class Store:
 
         It depends on the file's name, content and replaced values.
         """
-        known = {} if fresh else self._hashes
-        held = hashes_now([request.file], request.folder, known)[request.file]
+        hashes = {} if fresh else self._hashes
+        held = hashes_now([request.file], request.folder, hashes)[request.file]
         return digest({"question": question(request), "task": held if held != GONE else ""})
 
     def _place(self, kind: str, key: str) -> Path:
@@ -155,19 +155,19 @@ class Store:
                 folder.mkdir(parents=True, exist_ok=True)
         except OutputError as error:
             raise OSError(0, str(error)) from None
-        made = write_new(making, [data])
+        temporary = write_new(making, [data])
         try:
-            made.replace(place)
+            temporary.replace(place)
         except BaseException:
             with contextlib.suppress(OSError):
-                made.unlink()
+                temporary.unlink()
             raise
 
 
-def _adds_up(found: Evaluation) -> bool:
-    """Returns whether an answer's figures can belong to one plan; its checksum says only that it was not cut off."""
-    time, bound, gap = found.cycle_time, found.lower_bound, found.gap
-    if found.status == "infeasible":
+def _adds_up(evaluation: Evaluation) -> bool:
+    """Check that an answer's figures are consistent; its checksum only detects truncation."""
+    time, bound, gap = evaluation.cycle_time, evaluation.lower_bound, evaluation.gap
+    if evaluation.status == "infeasible":
         return time is None
     if time is None or time < 0.0:
         return False

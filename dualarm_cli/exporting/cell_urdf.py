@@ -114,8 +114,8 @@ class _Writer:
         """Return the file name of a hull's mesh; a new mesh is added."""
         assert shape.hull is not None
         content = stl_bytes(shape.hull)
-        for path, known in self.meshes.items():
-            if known == content:
+        for path, existing in self.meshes.items():
+            if existing == content:
                 return path
         safe = "".join(c if c.isalnum() else "_" for c in body)
         path = f"mesh_{safe}_{len(self.meshes)}.stl"
@@ -140,8 +140,8 @@ def _fixed(child: str, parent: str, pose: pin.SE3, taken: set[str]) -> Element:
 
 def _free(name: str, taken: set[str]) -> str:
     """Reserve an unused name."""
-    found, number = name, 2
-    while found in taken:
-        found, number = f"{name}_{number}", number + 1
-    taken.add(found)
-    return found
+    candidate, number = name, 2
+    while candidate in taken:
+        candidate, number = f"{name}_{number}", number + 1
+    taken.add(candidate)
+    return candidate

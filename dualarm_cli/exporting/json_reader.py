@@ -27,7 +27,7 @@ class ReadingLimits:
     file: int = 4_000_000_000
     """Maximum size of a document [B]."""
     numbers: int = 200_000_000
-    """Maximum total of numbers in all tables."""
+    """Maximum total of numbers over the tables."""
     depth: int = 1
     """Maximum nesting depth of objects within an object of tables."""
     rows: int = 2_000_000
@@ -146,7 +146,10 @@ class JsonStream:
         return json.JSONDecodeError(message, self._text, self._at)
 
     def _read_on(self) -> None:
-        """Append at least as much text as is left, so that each character is copied at most twice."""
+        """Append the next block, at least as long as the remaining text.
+
+        Each character is therefore copied at most twice.
+        """
         rest = self._text[self._at :]
         self._lines += self._text.count("\n", 0, self._at)
         self._before += self._at
@@ -216,12 +219,12 @@ class JsonReader:
         return self._object(members)
 
     def _list(self, stream: JsonStream, path: str) -> list[Any]:
-        found = []
+        items = []
         for item in stream.items():
-            found.append(item)
-            if len(found) > JSON.rows:
+            items.append(item)
+            if len(items) > JSON.rows:
                 self.fail(path, f"has more than {JSON.rows:,} entries")
-        return found
+        return items
 
     def _tables(self, stream: JsonStream, path: str, left: list[int]) -> dict[str, Any]:
         """Read an object whose lists become arrays, also in nested objects.
@@ -240,8 +243,8 @@ class JsonReader:
                 members.append((key, stream.value()))
         return self._object(members)
 
-    def _table(self, stream: JsonStream, path: str, most: int) -> FloatArray:
-        """Returns a list of numbers, or of rows of them, as an array."""
+    def _table(self, stream: JsonStream, path: str, max_numbers: int) -> FloatArray:
+        """Read a list of numbers, or of rows of numbers, as an array."""
         parts: list[FloatArray] = []
         rows: list[Any] = []
         size, begun = 0, stream.consumed
@@ -258,8 +261,8 @@ class JsonReader:
             if stream.consumed - begun > JSON.batch:
                 close()
                 size, begun = size + parts[-1].size, stream.consumed
-                if size > most:
-                    self.fail(path, f"has more than {most:,} numbers")
+                if size > max_numbers:
+                    self.fail(path, f"has more than {max_numbers:,} numbers")
         if rows or not parts:
             close()
         return np.concatenate(parts)
@@ -339,7 +342,7 @@ class JsonReader:
             array = np.asarray(value)
         except (TypeError, ValueError, OverflowError):
             self.fail(path, UNEVEN)
-        # Text, null and booleans would be turned into numbers if numpy were asked for numbers.
+        # Without this check numpy would convert text, null and booleans to numbers.
         if array.size and array.dtype.kind not in "iuf":
             self.fail(path, "is missing" if value is None else "must be numbers")
         return array.astype(np.float64, copy=False)
@@ -353,9 +356,9 @@ class JsonReader:
             return []
         if not isinstance(rows, list):
             self.fail(key, "must be a list")
-        found = []
+        items = []
         for k, row in enumerate(rows):
             if not isinstance(row, dict):
                 self.fail(f"{key}[{k}]", "must be an object")
-            found.append(read(row, f"{key}[{k}]"))
-        return found
+            items.append(read(row, f"{key}[{k}]"))
+        return items

@@ -60,12 +60,12 @@ def read_schedule(path: Path) -> Schedule:
     if len(set(joints)) != len(joints) or not joints:
         reader.fail("robot.joints", "must name every joint once")
     motion = reader.motion(document, robot, joints)
-    known = reader.robot(robot, joints, file.parent)
+    schedule_robot = reader.robot(robot, joints, file.parent)
     return Schedule(
-        robot=known,
+        robot=schedule_robot,
         motion=motion,
         stages=tuple(
-            reader.each(document, "stages", partial(reader.stage, arms=tuple(known.arms)))
+            reader.each(document, "stages", partial(reader.stage, arms=tuple(schedule_robot.arms)))
         ),
         segments=tuple(reader.each(document, "segments", reader.segment)),
         events=tuple(reader.each(document, "events", reader.event)),
@@ -103,11 +103,10 @@ def torn_files(path: Path, schedule: Schedule) -> list[str]:
 
 def _provenance(value: object) -> Provenance:
     """Read the provenance; missing members become unknown."""
-    known = value if isinstance(value, dict) else {}
-    inputs, settings = known.get("inputs"), known.get("settings")
-    seed = known.get("seed")
+    members = value if isinstance(value, dict) else {}
+    inputs, settings, seed = (members.get(key) for key in ("inputs", "settings", "seed"))
     return Provenance(
-        version=str(known.get("version", "unknown")),
+        version=str(members.get("version", "unknown")),
         inputs=inputs if isinstance(inputs, dict) else {},
         settings=settings if isinstance(settings, dict) else {},
         seed=seed if isinstance(seed, int) else 0,
@@ -135,13 +134,13 @@ class _Reader(JsonReader):
         part = self.member(document, "motion", dict)
         names = self.member(robot, "groups", dict, "robot.groups")
         groups = {name: tuple(self.names(names, name, f"robot.groups.{name}")) for name in names}
-        if sorted(joint for own in groups.values() for joint in own) != sorted(joints):
+        if sorted(joint for columns in groups.values() for joint in columns) != sorted(joints):
             self.fail("robot.groups", "must name every joint of robot.joints in one group")
         return JointMotion(
             joints,
             {
-                name: self.group(self.member(part, name, dict, f"motion.{name}"), name, own)
-                for name, own in groups.items()
+                name: self.group(self.member(part, name, dict, f"motion.{name}"), name, columns)
+                for name, columns in groups.items()
             },
         )
 
@@ -161,7 +160,8 @@ class _Reader(JsonReader):
             self.array(part.get(what), f"{path}.{what}", (len(anchor), len(joints)))
             for what in ("position", "velocity")
         )
-        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is for the caller
+        # The verifier reports values that are not finite.
+        with np.errstate(invalid="ignore", over="ignore"):
             anchors = anchor.astype(np.int64), position, velocity
             return followed(joints, time, acceleration, anchors)
 
@@ -188,16 +188,16 @@ class _Reader(JsonReader):
         return pin.SE3(pin.Quaternion(quat / norm).toRotationMatrix(), xyz)
 
     def robot(self, part: dict[str, Any], joints: tuple[str, ...], folder: Path) -> ScheduleRobot:
-        arms = self.member(part, "arms", dict, "robot.arms")
-        if not set(arms) <= {"left", "right"}:
-            # Exports are called after them.
+        members = self.member(part, "arms", dict, "robot.arms")
+        if not set(members) <= {"left", "right"}:
+            # Exports are named after the arms.
             self.fail("robot.arms", "must be left, right or both")
         platform = self.names(part, "platform", "robot.platform", ())
         if not set(platform) <= set(joints):
             self.fail("robot.platform", "must name joints of robot.joints")
-        known = {name: self.arm(arm, f"robot.arms.{name}", joints) for name, arm in arms.items()}
-        named = [*platform, *(joint for arm in known.values() for joint in arm.joints)]
-        whole = "platform" in part and all(arm.joints for arm in known.values())
+        arms = {name: self.arm(arm, f"robot.arms.{name}", joints) for name, arm in members.items()}
+        named = [*platform, *(joint for arm in arms.values() for joint in arm.joints)]
+        whole = "platform" in part and all(arm.joints for arm in arms.values())
         for joint in joints:
             if (count := named.count(joint)) > 1 or (whole and not count):
                 what = "named twice" if count else "of none"
@@ -208,7 +208,7 @@ class _Reader(JsonReader):
             name=self.text(part, "name", "robot.name", "unnamed"),
             urdf=self.urdf(self.text(part, "urdf", "robot.urdf"), folder),
             base=self.pose(part.get("base"), "robot.base"),
-            arms=known,
+            arms=arms,
             limits=self.limits(part.get("limits") or {}, joints),
             platform=tuple(platform),
             tool_speed=self.number(part, "tool_speed", "robot.tool_speed", None),
@@ -220,28 +220,29 @@ class _Reader(JsonReader):
             file = (folder / name).resolve()
             inside = bool(name) and file.is_relative_to(folder.resolve())
         except (OSError, ValueError, RuntimeError):
-            # A name that no file can have, or links that go round in a circle.
-            self.fail("robot.urdf", f"{name!r} cannot be read beside the schedule")
+            # An invalid file name, or a cycle of symbolic links.
+            self.fail("robot.urdf", f"{name!r} cannot be read in the schedule's folder")
         if not inside:
             self.fail("robot.urdf", f"{name!r} must lie in the schedule's own folder")
         try:
             source = read_text(file, name)
         except InputError as error:
-            self.fail("robot.urdf", f"{name!r} beside the schedule: {error.diagnostics[0].message}")
-        # What the libraries would crash on is refused, as in a robot file.
+            message = error.diagnostics[0].message
+            self.fail("robot.urdf", f"{name!r} in the schedule's folder: {message}")
+        # The libraries crash on some URDFs; refuse these as in a robot file.
         read_urdf(source)
         return source.text
 
     def arm(self, value: object, path: str, joints: tuple[str, ...]) -> ScheduleArm:
         if not isinstance(value, dict):
             self.fail(path, "must be an object")
-        own = self.names(value, "joints", f"{path}.joints", ())
-        if not set(own) <= set(joints):
+        arm_joints = self.names(value, "joints", f"{path}.joints", ())
+        if not set(arm_joints) <= set(joints):
             self.fail(f"{path}.joints", "must name joints of robot.joints")
         return ScheduleArm(
             self.text(value, "flange", f"{path}.flange"),
             self.pose(value.get("tcp"), f"{path}.tcp"),
-            tuple(own),
+            tuple(arm_joints),
         )
 
     def limits(self, part: object, joints: tuple[str, ...]) -> JointLimits:
@@ -285,10 +286,10 @@ class _Reader(JsonReader):
     def velocity(self, value: object, path: str) -> tuple[float, float, float]:
         if value is None:
             return 0.0, 0.0, 0.0
-        found = self.array(value, path, (3,))
-        if not np.isfinite(found).all():
+        components = self.array(value, path, (3,))
+        if not np.isfinite(components).all():
             self.fail(path, "must be finite")
-        x, y, z = found.tolist()
+        x, y, z = components.tolist()
         return x, y, z
 
     def segment(self, row: dict[str, Any], path: str) -> Segment:
@@ -297,8 +298,8 @@ class _Reader(JsonReader):
             self.fail(f"{path}.kind", f"'{kind}' is not one of {', '.join(SEGMENT_KINDS)}")
         reason: Any = self.text(row, "reason", f"{path}.reason")
         if reason not in WAIT_REASONS:
-            known = ", ".join(WAIT_REASONS[1:])
-            self.fail(f"{path}.reason", f"'{reason}' is not one of {known}")
+            reasons = ", ".join(WAIT_REASONS[1:])
+            self.fail(f"{path}.reason", f"'{reason}' is not one of {reasons}")
         dwell = row.get("dwell")
         shares = None
         if isinstance(dwell, dict):

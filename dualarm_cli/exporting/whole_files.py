@@ -30,11 +30,11 @@ def write_file(path: Path, content: bytes, force: bool) -> None:
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
     if path.exists() and not path.is_file():
-        # It would be replaced, for all who use it.
+        # The write would replace the pipe or device for every user.
         raise OutputError(f"{path}: is not a regular file (a pipe or a device); name a file")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: there is no folder {path.parent}")
-    # Whoever names a single file may mean what a link leads to.
+    # A named file may be a symbolic link: its target is replaced.
     place = Path(os.path.realpath(path))
     replace_all(place.parent, {place.name: [content]})
 
@@ -78,7 +78,7 @@ def replace_all(folder: Path, files: Mapping[str, Iterable[bytes]]) -> None:
             moves = []
             for place, content in zip(places, files.values(), strict=True):
                 _remove_abandoned(place)
-                moves.append((written.enter_context(_written_beside(place, content)), place))
+                moves.append((written.enter_context(_temporary_file(place, content)), place))
             for temporary, place in moves:
                 temporary.replace(place)
             for parent in dict.fromkeys(place.parent for _, place in moves):
@@ -88,8 +88,8 @@ def replace_all(folder: Path, files: Mapping[str, Iterable[bytes]]) -> None:
 
 
 @contextlib.contextmanager
-def _written_beside(place: Path, content: Iterable[bytes]) -> Iterator[Path]:
-    """Yields a new hidden file beside a place, with its content on the disk; it is locked, and gone in the end."""
+def _temporary_file(place: Path, content: Iterable[bytes]) -> Iterator[Path]:
+    """Write a locked temporary file next to a place, and remove it at the end."""
     handle, name = tempfile.mkstemp(prefix=f".{place.name}.", suffix=_PART, dir=place.parent)
     with os.fdopen(handle, "wb") as file:
         try:
@@ -109,10 +109,10 @@ def _remove_abandoned(place: Path) -> None:
         if not (path.name.startswith(beginning) and path.name.endswith(_PART)):
             continue
         if path.is_symlink() or not path.is_file():
-            continue  # none of ours; opening a pipe would wait
+            continue  # not a temporary file of ours; opening a pipe would block
         with contextlib.suppress(OSError), path.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # One that was made just now may not be locked yet.
+            # A file just created may not be locked yet.
             if time.time() - os.fstat(file.fileno()).st_mtime > _FRESH:
                 path.unlink()
 

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     # The command line lists the formats in its help, and that loads no numpy.
     from dualarm_cli.formats.request import ExportRequest
 
-MOST_SAMPLES = 250_000
-"""Most samples of an export: a gigabyte of memory for fifteen joints."""
+MAX_SAMPLES = 250_000
+"""Maximum number of samples of an export: a gigabyte of memory for fifteen joints."""
 
 
 def _always_supported(_: ExportRequest) -> str | None:
@@ -47,10 +47,10 @@ class ExportFormat:
         duration = request.schedule.duration
         if self.needs_job and request.job is None:
             return "the format shows the cell; name the task file"
-        if self.motion and duration * request.rate > MOST_SAMPLES:
+        if self.motion and duration * request.rate > MAX_SAMPLES:
             return (
                 f"{duration:,.0f} s at a rate of {request.rate:g} Hz have {duration * request.rate:,.0f} samples; "
-                f"at most {MOST_SAMPLES:,} are written: ask for at most {MOST_SAMPLES / duration:.3g} Hz"
+                f"at most {MAX_SAMPLES:,} are written: ask for at most {MAX_SAMPLES / duration:.3g} Hz"
             )
         return self.refuses(request)
 

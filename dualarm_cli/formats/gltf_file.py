@@ -35,8 +35,8 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
     assert job is not None
     hulls, scene = DrawnHulls(), _Scene()
     samples = request.samples()
-    kept = _distinct(samples.time)
-    frames = samples.time[kept]
+    selected = _distinct(samples.time)
+    frames = samples.time[selected]
     model = pin.buildModelFromXML(job.cell.robot.urdf)
     root = scene.node("cell", None, {"rotation": list(Y_UP)})
     holders = {WORLD_BODY: root}
@@ -48,7 +48,7 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
         holders[number] = mount
         if number:
             holders[number] = scene.node(name, mount, {})
-            positions = samples.position[kept, samples.joints.index(name)]
+            positions = samples.position[selected, samples.joints.index(name)]
             scene.animate(holders[number], times, *_motion(body, positions))
     done = job_as_done(schedule, job)
     for solid in solids(model, job.cell, hulls):
@@ -57,9 +57,9 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
         if not thing["solids"]:
             continue
         instants = _instants(thing, frames)
-        translations, rotations = _way(thing, instants, request, model)
-        own = {"translation": translations[0].tolist(), "rotation": rotations[0].tolist()}
-        node = scene.node(thing["name"], root, own)
+        translations, rotations = _object_poses(thing, instants, request, model)
+        initial_pose = {"translation": translations[0].tolist(), "rotation": rotations[0].tolist()}
+        node = scene.node(thing["name"], root, initial_pose)
         track = scene.array(instants[:, None], "SCALAR", extremes=True)
         scene.animate(node, track, "translation", translations)
         scene.animate(node, track, "rotation", rotations)
@@ -97,10 +97,10 @@ def _distinct(times: FloatArray) -> BoolArray:
     return np.concatenate([[True], np.diff(single) > 0.0])
 
 
-def _way(
+def _object_poses(
     thing: Mapping[str, Any], instants: FloatArray, request: ExportRequest, model: pin.Model
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns positions (m, 3) and quaternions (m, 4) of a thing in the world at instants (m,)."""
+    """Compute an object's world positions (m, 3) and quaternions (m, 4) at instants (m,)."""
     job, steps = request.job, thing["keyframes"]
     assert job is not None
     positions = request.schedule.trajectory.select(job.cell.robot.joints).at(instants)[0]
@@ -117,7 +117,7 @@ def _way(
             pose = holders[step["body"]] * pose
         translations[k] = pose.translation
         rotations[k] = pin.Quaternion(pose.rotation).coeffs()
-    # q and -q are one rotation: viewers take the short way between neighbours on one side.
+    # q and -q are the same rotation: viewers interpolate the shorter arc between neighbours of equal sign.
     away = (rotations[1:] * rotations[:-1]).sum(axis=1) < 0.0
     rotations[1:][np.cumsum(away) % 2 == 1] *= -1.0
     return translations, rotations

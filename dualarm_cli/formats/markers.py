@@ -77,13 +77,13 @@ def _body_names(
 ) -> dict[int, tuple[str, pin.SE3]]:
     """Map each body number to its link frame and its pose in that frame."""
     root = next(frame for frame in frames if frame.parent == world)
-    own = {frame.joint: frame.name for frame in frames if frame.joint}
-    found = {WORLD_BODY: (world, pin.SE3.Identity()), 0: (root.name, pin.SE3.Identity())}
+    links = {frame.joint: frame.name for frame in frames if frame.joint}
+    frames_by_body = {WORLD_BODY: (world, pin.SE3.Identity()), 0: (root.name, pin.SE3.Identity())}
     for number in range(1, model.njoints):
-        link = own[model.names[number]]
+        link = links[model.names[number]]
         placement = model.frames[model.getFrameId(link, pin.FrameType.BODY)].placement
-        found[number] = (link, placement.inverse())
-    return found
+        frames_by_body[number] = (link, placement.inverse())
+    return frames_by_body
 
 
 def _thing(
@@ -102,10 +102,10 @@ def _thing(
             count = max(1, round((end - step["time"]) * request.rate))
             times = np.linspace(step["time"], end, count, endpoint=False).tolist()
         for time in times:
-            gone = (time - step["time"]) * np.array(step["velocity"])
-            here = pin.SE3(np.eye(3), gone) * _pose(step)
+            offset = (time - step["time"]) * np.array(step["velocity"])
+            pose = pin.SE3(np.eye(3), offset) * _pose(step)
             frame, body = names[step["body"]]
-            holder = (frame, body * here)
+            holder = (frame, body * pose)
             instant = round(time * NANO)
             rows = [
                 _marker(solid, (thing["role"], number * 1000 + k), holder, instant, hulls)
@@ -211,13 +211,13 @@ class LinkFrame:
         """
         count, axis = len(positions), np.array(self.axis)
         translation = np.tile(self.pose.translation, (count, 1))
-        own = pin.Quaternion(self.pose.rotation)
+        rotation = pin.Quaternion(self.pose.rotation)
         if self.slides or not self.joint:
-            way = self.pose.rotation @ axis
-            translation = translation + positions[:, None] * way if self.joint else translation
-            return translation, np.tile(own.coeffs(), (count, 1))
+            if self.joint:
+                translation = translation + positions[:, None] * (self.pose.rotation @ axis)
+            return translation, np.tile(rotation.coeffs(), (count, 1))
         s, c = np.sin(positions / 2.0), np.cos(positions / 2.0)
-        vector, scalar = own.coeffs()[:3], own.coeffs()[3]
+        vector, scalar = rotation.coeffs()[:3], rotation.coeffs()[3]
         turned = scalar * s[:, None] * axis + c[:, None] * vector
         turned = turned + s[:, None] * np.cross(vector, axis)
         return translation, np.column_stack([turned, scalar * c - s * (vector @ axis)])
@@ -238,24 +238,24 @@ def link_frames(robot: ScheduleRobot) -> tuple[str, list[LinkFrame]]:
     links = [k for k, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY]
     names = {model.frames[k].name for k in links}
     world = next(name for name in ("world", "cell", "cell_world") if name not in names)
-    found = []
+    link_tree = []
     for k in links:
         frame = model.frames[k]
         above = frame.parentFrame
         while above > 0 and model.frames[above].type != pin.FrameType.BODY:
             above = model.frames[above].parentFrame
         if above == 0:
-            found.append(LinkFrame(frame.name, world, robot.base * data.oMf[k]))
+            link_tree.append(LinkFrame(frame.name, world, robot.base * data.oMf[k]))
             continue
         parent = model.frames[above]
         pose = data.oMf[above].actInv(data.oMf[k])
         if frame.parentJoint == parent.parentJoint:
-            found.append(LinkFrame(frame.name, parent.name, pose))
+            link_tree.append(LinkFrame(frame.name, parent.name, pose))
             continue
         motion = np.asarray(data.joints[frame.parentJoint].S).ravel()
         slides = bool(np.any(motion[:3]))
         about = frame.placement.rotation.T @ (motion[:3] if slides else motion[3:])
         axis = (float(about[0]), float(about[1]), float(about[2]))
         joint = model.names[frame.parentJoint]
-        found.append(LinkFrame(frame.name, parent.name, pose, joint, axis, slides))
-    return world, found
+        link_tree.append(LinkFrame(frame.name, parent.name, pose, joint, axis, slides))
+    return world, link_tree

@@ -113,11 +113,11 @@ def _at_start(request: ExportRequest, frames: list[LinkFrame]) -> Iterator[_Mess
     yield _Message(0, "/robot_description", "std_msgs/msg/String", text)
     fixed = [_transform(frame, 0, *frame.poses(np.zeros(1))) for frame in frames if not frame.joint]
     yield _Message(0, "/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": fixed})
-    for group, own in trajectories(request).items():
+    for group, samples in trajectories(request).items():
         content = {
             "header": _header(0, ""),
-            "joint_names": list(own.joints),
-            "points": list(points(own, request)),
+            "joint_names": list(samples.joints),
+            "points": list(points(samples, request)),
         }
         topic = f"/{group}/joint_trajectory"
         yield _Message(0, topic, "trajectory_msgs/msg/JointTrajectory", content)
@@ -225,5 +225,5 @@ class _Builder:
         if inner[0] == Nodetype.BASE and inner[1][0] != "string":
             numbers = np.dtype(inner[1][0])
             return lambda given: np.asarray([] if given is None else given, dtype=numbers)
-        one = self._converter(inner)
-        return lambda given: [one(row) for row in given or ()]
+        convert_item = self._converter(inner)
+        return lambda given: [convert_item(row) for row in given or ()]

@@ -17,8 +17,8 @@ PlatformController = Literal["own", "both", "left", "right"]
 Column = Literal["position", "velocity", "acceleration"]
 """Quantity of each joint in a table of samples."""
 COLUMNS: tuple[Column, ...] = ("position", "velocity", "acceleration")
-LEAST_RATE, MAX_RATE = 0.001, 10_000.0
-"""Sampling rates that are allowed [Hz]."""
+MIN_RATE, MAX_RATE = 0.001, 10_000.0
+"""Minimum and maximum sampling rate [Hz]."""
 BOTH = "both_arms"
 """Name of the group of all arms."""
 PLATFORM = "platform"
@@ -55,16 +55,16 @@ class ExportRequest:
     def groups(self) -> dict[str, tuple[str, ...]]:
         """List the joints of each controller by the name of its group."""
         robot = self.schedule.robot
-        found: dict[str, tuple[str, ...]] = {}
+        columns: dict[str, tuple[str, ...]] = {}
         if len(robot.arms) > 1:
-            found[BOTH] = tuple(joint for arm in robot.arms.values() for joint in arm.joints)
-        found |= {name: arm.joints for name, arm in robot.arms.items()}
+            columns[BOTH] = tuple(joint for arm in robot.arms.values() for joint in arm.joints)
+        columns |= {name: arm.joints for name, arm in robot.arms.items()}
         if robot.platform:
             holder = {"own": PLATFORM, "both": BOTH}.get(self.platform, self.platform)
-            if self.platform == "both" and BOTH not in found:
+            if self.platform == "both" and BOTH not in columns:
                 holder = next(iter(robot.arms))
-            found[holder] = (*robot.platform, *found.get(holder, ()))
-        return found
+            columns[holder] = (*robot.platform, *columns.get(holder, ()))
+        return columns
 
 
 @dataclass(frozen=True)
@@ -93,16 +93,16 @@ class ExportLoss:
             samples = {group: request.points(joints) for group, joints in request.groups().items()}
         return cls(
             kind,
-            {group: len(own.nanoseconds) for group, own in samples.items()},
-            {group: losses(request.schedule, own, kind) for group, own in samples.items()},
+            {group: len(rows.nanoseconds) for group, rows in samples.items()},
+            {group: losses(request.schedule, rows, kind) for group, rows in samples.items()},
         )
 
     def worst(self) -> list[JointLoss]:
         """Select for each joint the group in which it exceeds limits, or else deviates most."""
         worst: dict[str, JointLoss] = {}
         for row in (row for rows in self.joints.values() for row in rows):
-            other = worst.setdefault(row.joint, row)
-            if (not row.within_limits, row.deviation) > (not other.within_limits, other.deviation):
+            first = worst.setdefault(row.joint, row)
+            if (not row.within_limits, row.deviation) > (not first.within_limits, first.deviation):
                 worst[row.joint] = row
         return list(worst.values())
 
@@ -113,9 +113,9 @@ def check_rate(rate: float, option: str = "rate") -> None:
     Raises:
         UsageError: with what is allowed.
     """
-    if not LEAST_RATE <= rate <= MAX_RATE:
+    if not MIN_RATE <= rate <= MAX_RATE:
         raise UsageError(
-            f"{option} {rate:g}: must be at least {LEAST_RATE:g} and at most {MAX_RATE:g} Hz"
+            f"{option} {rate:g}: must be at least {MIN_RATE:g} and at most {MAX_RATE:g} Hz"
         )
 
 
@@ -129,16 +129,16 @@ def columns_named(names: Sequence[str], option: str = "columns") -> tuple[Column
     Raises:
         UsageError: no name is given, or one is unknown or repeated.
     """
-    known: dict[str, Column] = {name: name for name in COLUMNS}
+    columns: dict[str, Column] = {name: name for name in COLUMNS}
     allowed = f"choose of {', '.join(COLUMNS)}"
     if not names:
         raise UsageError(f"{option}: names no column; {allowed}")
     for k, name in enumerate(names):
-        if name not in known:
+        if name not in columns:
             raise UsageError(f"{option}: there is no column {name!r}; {allowed}")
         if name in names[:k]:
             raise UsageError(f"{option}: names {name!r} again; keep one")
-    return tuple(known[name] for name in names)
+    return tuple(columns[name] for name in names)
 
 
 def stamp(nanoseconds: int) -> dict[str, int]:

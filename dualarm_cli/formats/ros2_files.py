@@ -15,11 +15,11 @@ _FLOAT_WITHOUT_POINT = re.compile(r"(?<![\d.])(-?\d+)e")
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
     """Build `<group>.yaml` and `<group>.json` of each group of joints."""
-    found: dict[str, Iterable[bytes]] = {}
+    contents: dict[str, Iterable[bytes]] = {}
     for group, samples in trajectories(request).items():
-        found[f"{group}.yaml"] = _yaml(samples, request)
-        found[f"{group}.json"] = _json(samples, request)
-    return found
+        contents[f"{group}.yaml"] = _yaml(samples, request)
+        contents[f"{group}.json"] = _json(samples, request)
+    return contents
 
 
 def trajectories(request: ExportRequest) -> dict[str, Samples]:
@@ -63,5 +63,5 @@ def _yaml(samples: Samples, request: ExportRequest) -> Iterator[bytes]:
     for point in points(samples, request):
         lines = [f"{key}: {json.dumps(value)}" for key, value in point.items()]
         text = "- " + "\n  ".join(lines) + "\n"
-        # YAML 1.1 takes 1e-05 for a text and 1.0e-05 for a number.
+        # YAML 1.1 reads 1e-05 as text and 1.0e-05 as a number.
         yield _FLOAT_WITHOUT_POINT.sub(r"\1.0e", text.replace('"', "")).encode()

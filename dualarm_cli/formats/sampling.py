@@ -60,13 +60,13 @@ def sampled(
         knots: whether there are samples at the joints' knots as well, with which cubic interpolation is exact.
     """
     count = max(1, round(schedule.duration * rate))
-    # Rounded up: the motion is over at the last sample.
+    # Rounded up, so that the motion has ended at the last sample.
     end = max(1, int(np.ceil(schedule.duration * NANO - 1e-3)))
     trajectory = schedule.trajectory.select(joints or schedule.robot.limits.joints)
     instants = np.rint(np.arange(count) * (NANO / rate)).astype(np.int64)
     if knots:
         exact = distinct(np.rint(trajectory.time * NANO).astype(np.int64))
-        exact = _apart(exact[exact < end - NEAREST])
+        exact = _spaced(exact[exact < end - NEAREST])
         after = np.searchsorted(exact, instants)
         near = np.minimum(
             np.abs(exact[np.minimum(after, len(exact) - 1)] - instants),
@@ -77,13 +77,13 @@ def sampled(
     return Samples(trajectory.joints, instants, *trajectory.at(instants / NANO))
 
 
-def _apart(instants: np.ndarray) -> np.ndarray:
-    """Returns instants without those that follow a kept one too closely [ns]."""
-    kept = [0]
+def _spaced(instants: np.ndarray) -> np.ndarray:
+    """Drop instants that follow a selected one too closely [ns]."""
+    selected = [0]
     for instant in instants.tolist():
-        if instant - kept[-1] > NEAREST:
-            kept.append(instant)
-    return np.array(kept, dtype=np.int64)
+        if instant - selected[-1] > NEAREST:
+            selected.append(instant)
+    return np.array(selected, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -137,15 +137,15 @@ def losses(schedule: Schedule, samples: Samples, kind: Interpolation) -> list[Jo
     factorials = np.cumprod([1.0, *range(1, size)])[:, None]
     worst, where = np.zeros(len(samples.joints)), np.zeros(len(samples.joints))
     for start, length, exact in _exact_pieces(trajectory, time):
-        apart = np.zeros((len(start), size, len(samples.joints)))
-        apart[:, : motion.coefficients.shape[1]] = motion.derivatives(start)
-        apart /= factorials
-        apart[:, :4] -= exact
-        low, high = extrema(apart, length)
-        off = np.maximum(-low, high)
-        k = np.argmax(off, axis=0)
-        here = np.take_along_axis(off, k[None], axis=0)[0]
-        worst, where = np.maximum(worst, here), np.where(here > worst, start[k], where)
+        difference = np.zeros((len(start), size, len(samples.joints)))
+        difference[:, : motion.coefficients.shape[1]] = motion.derivatives(start)
+        difference /= factorials
+        difference[:, :4] -= exact
+        low, high = extrema(difference, length)
+        deviation = np.maximum(-low, high)
+        k = np.argmax(deviation, axis=0)
+        peak = np.take_along_axis(deviation, k[None], axis=0)[0]
+        worst, where = np.maximum(worst, peak), np.where(peak > worst, start[k], where)
     limits = schedule.robot.limits.select(samples.joints)
     low, high = motion.extrema()
     beyond = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
@@ -167,9 +167,9 @@ def _exact_pieces(
     edges = np.union1d(trajectory.time, time)
     edges = edges[(edges >= time[0]) & (edges <= time[-1])]
     for k in range(0, len(edges) - 1, BLOCK):
-        some = edges[k : k + BLOCK + 1]
-        start, length = some[:-1], np.diff(some)
-        # From within the piece: at its end the next one would count.
+        block = edges[k : k + BLOCK + 1]
+        start, length = block[:-1], np.diff(block)
+        # Taken inside the piece, because its end belongs to the next piece.
         q, v, a = trajectory.at(start)
         later = trajectory.at(start + 0.5 * length)[2]
         jerk = (later - a) / (0.5 * length)[:, None]
@@ -181,4 +181,4 @@ def _shares(peak: FloatArray | None, limit: FloatArray) -> list[float | None]:
     if peak is None:
         return [None] * len(limit)
     pairs = zip(peak.tolist(), limit.tolist(), strict=True)
-    return [value / most if np.isfinite(most) else None for value, most in pairs]
+    return [value / bound if np.isfinite(bound) else None for value, bound in pairs]

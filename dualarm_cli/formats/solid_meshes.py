@@ -39,11 +39,11 @@ def solid_mesh(solid: Mapping[str, Any], hulls: DrawnHulls) -> Mesh:
         return _box(np.array([side, side, thickness]) / 2.0, -thickness / 2.0)
     radius, half = size[0], (0.0 if kind == "sphere" else size[1] / 2.0)
     if kind == "cylinder":
-        return _turned([(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
+        return _revolved([(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
     angles = np.linspace(-np.pi / 2.0, 0.0, RINGS + 1)
     low = [(radius * np.cos(a), radius * np.sin(a) - half) for a in angles]
     high = [(r, -z) for r, z in reversed(low if half else low[:-1])]
-    return _turned([*low, *high])
+    return _revolved([*low, *high])
 
 
 def hull_mesh(hulls: DrawnHulls, number: int) -> Mesh:
@@ -62,8 +62,11 @@ def _box(half: FloatArray, up: float) -> Mesh:
     return signs * half + [0.0, 0.0, up], np.array(triangles, dtype=np.uint32)
 
 
-def _turned(outline: list[tuple[float, float]]) -> Mesh:
-    """Returns what an outline of radii and heights, from below to above, makes when it turns about z."""
+def _revolved(outline: list[tuple[float, float]]) -> Mesh:
+    """Triangulate the solid of revolution of an outline about z.
+
+    The outline has radii and heights, from bottom to top.
+    """
     angle = np.arange(AROUND) * (TURN / AROUND)
     corners = [[r * np.cos(a), r * np.sin(a), z] for r, z in outline for a in angle]
     triangles = []
@@ -71,7 +74,7 @@ def _turned(outline: list[tuple[float, float]]) -> Mesh:
         for k in range(AROUND):
             a, b = ring * AROUND + k, ring * AROUND + (k + 1) % AROUND
             c, d = a + AROUND, b + AROUND
-            # A ring of radius zero is one point: its triangles would have no area.
+            # A ring of radius zero is a point, whose triangles would have no area.
             if outline[ring][0] > 1e-12:
                 triangles.append((a, b, d))
             if outline[ring + 1][0] > 1e-12:

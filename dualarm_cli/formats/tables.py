@@ -64,14 +64,14 @@ def samples_table(schedule: Schedule, rate: float, columns: Sequence[Column]) ->
     header = ["time", *(f"{_safe(name)}_{what}" for name in motion.joints for what in columns)]
     yield ",".join(header).encode() + b"\n"
     digits = [PLACE, *(DECIMALS[what] for _ in motion.joints for what in columns)]
-    # In blocks: as Python numbers, a long table would take ten times its size.
+    # In blocks, because Python numbers take ten times the memory of the array.
     for k in range(0, max(count, 1), BLOCK):
         time = start + np.arange(k, min(k + BLOCK, max(count, 1))) / rate
         rates = dict(zip(DECIMALS, motion.at(time), strict=True))
         over = time > end + SAME_SAMPLE
         rates["velocity"][over] = rates["acceleration"][over] = 0.0
-        wanted = np.stack([rates[what] for what in columns], axis=2).reshape(len(time), -1)
-        yield table_text(np.column_stack([time, wanted]), digits)
+        values = np.stack([rates[what] for what in columns], axis=2).reshape(len(time), -1)
+        yield table_text(np.column_stack([time, values]), digits)
 
 
 def events_table(schedule: Schedule) -> bytes:
@@ -132,9 +132,9 @@ def _points(event: Event, lines: Sequence[Segment]) -> list[tuple[str, float]]:
         for line in lines
         if line.kind == "retract" and line.start >= event.time - SAME_TIME
     ]
-    found = [("approach", max(before))] if before else []
-    found.append(("target", event.time))
-    return found + ([("retract", min(behind))] if behind else [])
+    stop_points = [("approach", max(before))] if before else []
+    stop_points.append(("target", event.time))
+    return stop_points + ([("retract", min(behind))] if behind else [])
 
 
 def _stages(schedule: Schedule) -> dict[int, str]:
@@ -180,7 +180,7 @@ def table_text(rows: FloatArray, digits: Sequence[int]) -> bytes:
     """
     if (np.abs(rows) <= decimals.LARGEST).all():
         return decimals.table_text(rows, digits)
-    # Of any size, or none: as of a schedule that the verifier would refuse.
+    # Very large numbers and NaN occur in schedules that the verifier refuses.
     row = ",".join(f"%.{count}f" for count in digits) + "\n"
     # Rounded first, so that there is no -0.
     rounded = np.column_stack(

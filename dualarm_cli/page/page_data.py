@@ -186,7 +186,7 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     times = _instants(schedule)
     places = list(dict.fromkeys((pairs[k].first, pairs[k].second) for k in selected))
     column = {place: number for number, place in enumerate(places)}
-    pair_columns = np.array([column[pairs[k].first, pairs[k].second] for k in selected])
+    columns = np.array([column[pairs[k].first, pairs[k].second] for k in selected])
     required = np.array([pairs[k].required for k in selected])
     counts = np.array([_during(windows[k], times) for k in selected])
     near = np.array(
@@ -204,16 +204,13 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
         pin.computeDistances(model, data, geometry, geometry_data, q)
         distances = np.array([result.min_distance for result in results])
         for name, members in curves:
-            checked = counts[:, row] & members
-            margins = np.where(checked, distances[pair_columns] - required, np.inf)
+            margins = np.where(counts[:, row] & members, distances[columns] - required, np.inf)
             least = int(np.argmin(margins))
             if np.isfinite(margins[least]):
-                result = results[int(pair_columns[least])]
+                result = results[int(columns[least])]
                 samples[name].add(times[row], least, result, job.cell.base)
     return [
-        {"name": name} | curve.packed(names, required)
-        for name, curve in samples.items()
-        if curve.time
+        {"name": name} | item.packed(names, required) for name, item in samples.items() if item.time
     ]
 
 

@@ -69,8 +69,8 @@ def bare_cell(robot: Robot) -> Cell:
 
 def sampled_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Compute the sampled position ranges [rad or m]; turning joints get at most ±2π."""
-    most = np.array([np.inf if name in robot.sliding else TURN for name in robot.joints])
-    return np.maximum(robot.limits.lower, -most), np.minimum(robot.limits.upper, most)
+    bound = np.array([np.inf if name in robot.sliding else TURN for name in robot.joints])
+    return np.maximum(robot.limits.lower, -bound), np.minimum(robot.limits.upper, bound)
 
 
 def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
@@ -88,48 +88,48 @@ def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
 
 
 def find_contacts(
-    robot: Robot, known: Mapping[frozenset[str], str], seed: int
+    robot: Robot, excluded: Mapping[frozenset[str], str], seed: int
 ) -> tuple[list[Contact], list[Contact]]:
-    """Returns the pairs of links that may touch: those that do wherever the joints are, and those that often do.
+    """Find the pairs of links that touch always, and those that often touch.
 
-    What touches in some postures only may be a collision: where it is assumed to be none, the robot file says so.
-    Pairs that the SRDF leaves out are sampled as well: those that touch always or never may, others are assumed to.
+    Links that touch only in some postures may really collide: the robot file lists those that are assumed not to. Pairs
+    excluded by the SRDF are sampled too: if they touch always or never, they are allowed, else assumed.
 
     Args:
         robot: without allowed contacts.
-        known: pairs whose collisions the SRDF leaves out, with its reason.
+        excluded: pairs that the SRDF excludes from collision checking, with its reason.
         seed: of the postures.
     """
     model, solids, pairs = _kept_apart(robot)
     if not pairs:
         return [], []
-    named = [frozenset(solids[k].body for k in pair) in known for pair in pairs]
+    named = [frozenset(solids[k].body for k in pair) in excluded for pair in pairs]
     postures = in_model_order(model, robot, random_postures(robot, CONTACT.postures, seed))
-    few = _touching(model, solids, pairs, postures[: CONTACT.few]).mean(axis=0)
-    chosen = np.flatnonzero(np.array(named) | (few >= 0.5 * CONTACT.often))
-    share = dict(enumerate(few.tolist()))
+    rough = _touching(model, solids, pairs, postures[: CONTACT.few]).mean(axis=0)
+    chosen = np.flatnonzero(np.array(named) | (rough >= 0.5 * CONTACT.often))
+    fractions = dict(enumerate(rough.tolist()))
     if len(chosen):
-        all_postures = _touching(model, solids, [pairs[k] for k in chosen], postures).mean(axis=0)
-        share |= dict(zip(chosen.tolist(), all_postures.tolist(), strict=True))
+        finer = _touching(model, solids, [pairs[k] for k in chosen], postures).mean(axis=0)
+        fractions |= dict(zip(chosen.tolist(), finer.tolist(), strict=True))
     by_bodies: dict[tuple[str, str], tuple[float, int]] = {}
     for k, (i, j) in enumerate(pairs):
         names = (solids[i].body, solids[j].body)
         between = joints_between(model, solids[i].joint, solids[j].joint)
-        by_bodies[names] = max((share[k], between), by_bodies.get(names, (0.0, between)))
-    found, often = [], []
-    for names, (of, between) in by_bodies.items():
-        why = f"touch in {100 * of:.3g}% of {CONTACT.postures} postures"
-        stated = known.get(frozenset(names))
+        by_bodies[names] = max((fractions[k], between), by_bodies.get(names, (0.0, between)))
+    always, often = [], []
+    for names, (fraction, between) in by_bodies.items():
+        why = f"touch in {100 * fraction:.3g}% of {CONTACT.postures} postures"
+        stated = excluded.get(frozenset(names))
         if stated is not None:
             why = f"SRDF: {stated}; {why}"
-        if of >= CONTACT.always or (stated is not None and of == 0.0):
-            found.append(Contact(names, why, stated=stated is not None))
-        elif stated is not None or of >= (
+        if fraction >= CONTACT.always or (stated is not None and fraction == 0.0):
+            always.append(Contact(names, why, stated=stated is not None))
+        elif stated is not None or fraction >= (
             CONTACT.mostly if between <= CONTACT.near else CONTACT.often
         ):
             assumed = stated is not None or between <= CONTACT.near
             often.append(Contact(names, why, assumed, stated is not None))
-    return found, often
+    return always, often
 
 
 def contact_reasons(contacts: Sequence[Contact], often: Sequence[Contact]) -> list[str]:
@@ -148,13 +148,13 @@ def contact_reasons(contacts: Sequence[Contact], often: Sequence[Contact]) -> li
     if shapes:
         reasons.append(
             f"links that touch in many postures, see assumed_contacts: {count_of(shapes, 'pair')}; their shapes are "
-            "assumed to be wider than they. Judge them, or give them finer shapes (--convex-parts)"
+            "assumed to be wider than the links. Judge them, or give them finer shapes (--convex-parts)"
         )
     stated = sum(pair.stated for pair in often)
     if stated:
         reasons.append(
             f"links whose collisions the SRDF leaves out though they touch in some postures, see assumed_contacts: "
-            f"{count_of(stated, 'pair')}; each plan tells them. Judge them"
+            f"{count_of(stated, 'pair')}; each plan lists them. Judge them"
         )
     reasons += [
         f"{' and '.join(pair.links)} {pair.why}, and are kept apart"
@@ -181,11 +181,11 @@ def _touching(
     """Mark the pairs nearer than the margin in each posture, shape (postures, pairs)."""
     geometry, results = _prepared(solids, pairs)
     data = model.createData()
-    found = np.zeros((len(postures), len(pairs)), dtype=np.bool_)
+    touching = np.zeros((len(postures), len(pairs)), dtype=np.bool_)
     for k, q in enumerate(postures):
         pin.computeCollisions(model, data, geometry, results, q, False)
-        found[k] = [result.isCollision() for result in results.collisionResults]
-    return found
+        touching[k] = [result.isCollision() for result in results.collisionResults]
+    return touching
 
 
 def _prepared(
@@ -240,16 +240,16 @@ def touching_links(robot: Robot, posture: FloatArray) -> list[tuple[str, str]]:
     return list(dict.fromkeys(names))
 
 
-def joints_between(model: pin.Model, one: int, other: int) -> int:
-    """Returns how many moving joints are between what two joints move."""
-    ways = []
-    for joint in (one, other):
-        way = [joint]
-        while way[-1] != 0:
-            way.append(model.parents[way[-1]])
-        ways.append(way)
-    common = next(joint for joint in ways[0] if joint in ways[1])
-    return ways[0].index(common) + ways[1].index(common)
+def joints_between(model: pin.Model, joint_a: int, joint_b: int) -> int:
+    """Count the moving joints between the bodies of two joints."""
+    ancestries = []
+    for joint in (joint_a, joint_b):
+        ancestry = [joint]
+        while ancestry[-1] != 0:
+            ancestry.append(model.parents[ancestry[-1]])
+        ancestries.append(ancestry)
+    common = next(joint for joint in ancestries[0] if joint in ancestries[1])
+    return ancestries[0].index(common) + ancestries[1].index(common)
 
 
 def in_model_order(model: pin.Model, robot: Robot, postures: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ def convex_parts(
         MissingDependencyError: CoACD or trimesh is not installed.
         UsageError: a link does not exist or has no mesh.
     """
-    found: dict[str, list[list[Hull]]] = {}
+    parts: dict[str, list[list[Hull]]] = {}
     for name in links:
         if name not in urdf.links:
             hint = did_you_mean(name, list(urdf.links))
@@ -45,12 +45,12 @@ def convex_parts(
         meshes = [mesh for mesh in (next(mesh_elements(s), None) for s in solids) if mesh]
         if not meshes:
             raise UsageError(f"--convex-parts: link '{name}' has no collision mesh")
-        found[name] = []
+        parts[name] = []
         for mesh in meshes:
             path = finder.find(mesh.get("filename"))
             scale = mesh_scale(mesh) * units.get(mesh.get("filename"), 1.0)
-            found[name].append(divided(*_triangles(path, scale)))
-    return found
+            parts[name].append(divided(*_triangles(path, scale)))
+    return parts
 
 
 def divided(corners: FloatArray, triangles: IntArray) -> list[Hull]:
@@ -73,20 +73,20 @@ def divided(corners: FloatArray, triangles: IntArray) -> list[Hull]:
     parts = coacd.run_coacd(coacd.Mesh(corners, triangles), threshold=CONCAVITY, seed=0)
     hulls = [convex_hull(np.asarray(part)) for part, _ in parts]
     of_faces = _sticking_out(hulls, corners)[:, triangles].max(axis=2).argmin(axis=0)
-    own = [corners[triangles[of_faces == k]].reshape(-1, 3) for k in range(len(hulls))]
-    return [convex_hull(np.concatenate([h.corners, o])) for h, o in zip(hulls, own, strict=True)]
+    faces = [corners[triangles[of_faces == k]].reshape(-1, 3) for k in range(len(hulls))]
+    return [convex_hull(np.concatenate([h.corners, f])) for h, f in zip(hulls, faces, strict=True)]
 
 
 def _sticking_out(hulls: Sequence[Hull], points: FloatArray) -> FloatArray:
     """Compute the protrusion of points from hulls along face normals, shape (hulls, points) [m]."""
-    found = np.empty((len(hulls), len(points)))
+    protrusion = np.empty((len(hulls), len(points)))
     for k, hull in enumerate(hulls):
         first, second, third = (hull.corners[hull.triangles[:, i]] for i in range(3))
         normals = np.cross(second - first, third - first)
         normals /= np.maximum(norm(normals, axis=1, keepdims=True), 1e-300)
         heights = np.einsum("ij,ij->i", normals, first)
-        found[k] = (product(points, normals.T) - heights).max(axis=1)
-    return found
+        protrusion[k] = (product(points, normals.T) - heights).max(axis=1)
+    return protrusion
 
 
 def _triangles(path: Path, scale: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -90,13 +90,13 @@ def program_notes(source: TextSource) -> tuple[Note, ...]:
 def _readable(file: Path) -> list[Path]:
     """List the folders that a xacro file may read."""
     marks = ("package.xml", *MARKERS)
-    own = next((f for f in file.parents if any((f / mark).exists() for mark in marks)), file.parent)
+    root = next((f for f in file.parents if any((f / m).exists() for m in marks)), file.parent)
     ros = ros_folders(os.environ)
-    # Installed packages may be links to their sources, beside the folder `install` of the workspace.
+    # Installed packages may be links to their sources, outside the folder `install` of the workspace.
     spaces = [
         Path(str(folder).partition("/install/")[0]) for folder in ros if "/install/" in str(folder)
     ]
-    return [own, *ros, *spaces]
+    return [root, *ros, *spaces]
 
 
 SECONDS, BYTES, OUTPUT = 30, 4_000_000_000, 20_000_000
@@ -112,7 +112,7 @@ _DENIED = {
     "tkill": 200, "tgkill": 234, "rt_sigqueueinfo": 129, "rt_tgsigqueueinfo": 297, "pidfd_send_signal": 424,
     "pidfd_getfd": 438, "process_vm_readv": 310, "process_vm_writev": 311, "socket": 41, "socketpair": 53,
     "io_uring_setup": 425, "bpf": 321, "mount": 165, "unshare": 272, "setns": 308, "keyctl": 250, "prlimit64": 302,
-    # Signals by fcntl's owner of a pipe, priorities, and what processes of a user share.
+    # Signals by fcntl's owner of a pipe, priorities, and resources shared by a user's processes.
     "fcntl": 72, "setpriority": 141, "ioprio_set": 251, "sched_setparam": 142, "sched_setscheduler": 144,
     "sched_setattr": 314, "sched_setaffinity": 203, "perf_event_open": 298, "add_key": 248, "request_key": 249,
     "shmget": 29, "shmat": 30, "shmctl": 31, "semget": 64, "semop": 65, "semctl": 66, "semtimedop": 220, "msgget": 68,
@@ -187,18 +187,18 @@ def expanded(file: Path, folders: Sequence[Path]) -> tuple[str, bool]:
 
 def main(file: str, folders: Sequence[str]) -> None:
     """Confine this process, expand a file and print the result as JSON."""
-    import xml.dom.expatbuilder  # noqa: F401  what is needed later may not be found then
+    import xml.dom.expatbuilder  # noqa: F401  loaded now, because it may be unreadable later
 
     import xacro
     import yaml  # noqa: F401
 
-    for what, most in (
+    for what, bound in (
         (resource.RLIMIT_CPU, SECONDS),
         (resource.RLIMIT_AS, BYTES),
         (resource.RLIMIT_FSIZE, OUTPUT),
         (resource.RLIMIT_CORE, 0),
     ):
-        resource.setrlimit(what, (most, most))
+        resource.setrlimit(what, (bound, bound))
     _confine([*sys.path, sys.prefix, sys.base_prefix, *folders])
     try:
         answer = {"text": xacro.process_file(file).toxml()}
@@ -227,11 +227,11 @@ def _confine(folders: Sequence[str]) -> None:
     rights_version, kept = _CAPABILITIES
     header, sets = (ctypes.c_uint32 * 2)(rights_version, 0), (ctypes.c_uint32 * 6)()
     _must(libc.capget(header, sets))
-    # Effective, permitted and inheritable ones, then the same of higher numbers.
+    # Effective, permitted and inheritable sets, then the upper words of the same.
     _must(libc.capset(header, (ctypes.c_uint32 * 6)(*(number & kept for number in sets[:3]))))
     version = landlock_version()
     if version > 0:
-        # Every right that this version knows is taken: 13 of the first one, then moving and cutting files.
+        # All rights of this version are handled: 13 of the first version, then moving and truncating files.
         rights = (1 << min(12 + version, 15)) - 1
         ruleset = _must(
             libc.syscall(

@@ -58,14 +58,14 @@ def find_postures(robot: Robot, srdf: Srdf, seed: int) -> NamedPostures:
         seed: of the sampled postures.
     """
     proposed = propose_home(robot, seed)
-    rest = robot.postures[HOME] if proposed is None else _rounded(robot, proposed)
-    taken: dict[str, FloatArray] = {}
+    home = robot.postures[HOME] if proposed is None else _rounded(robot, proposed)
+    accepted: dict[str, FloatArray] = {}
     comments: dict[str, str] = {}
     reasons: list[str] = []
-    # Home first: the other states are filled up from it.
+    # Home first, because it completes the other states.
     for name in sorted(srdf.states, key=lambda name: name != HOME):
         state = srdf.states[name]
-        posture = rest.copy()
+        posture = home.copy()
         for k, joint in enumerate(robot.joints):
             posture[k] = state.get(joint, posture[k])
         problem = srdf.conflicts.get(name) or _problem(robot, name, state, posture)
@@ -77,11 +77,11 @@ def find_postures(robot: Robot, srdf: Srdf, seed: int) -> NamedPostures:
         if missing:
             comments[name] += f"; {' and '.join(missing)} arm as in home"
         reasons.append(f"posture {name}: {comments[name]}")
-        taken[name] = posture
+        accepted[name] = posture
         if name == HOME:
-            rest = posture
-    if HOME not in taken:
-        taken = {HOME: rest, **taken}
+            home = posture
+    if HOME not in accepted:
+        accepted = {HOME: home, **accepted}
         if proposed is None:
             reasons.append(
                 "posture home: none of the postures tried is collision-free; all joints are at 0, write one"
@@ -91,7 +91,7 @@ def find_postures(robot: Robot, srdf: Srdf, seed: int) -> NamedPostures:
             reasons.append(f"posture home: {PROPOSED}")
     values = {
         name: dict(zip(robot.joints, posture.tolist(), strict=True))
-        for name, posture in taken.items()
+        for name, posture in accepted.items()
     }
     return NamedPostures(values, comments, tuple(reasons))
 
@@ -134,8 +134,8 @@ def propose_home(robot: Robot, seed: int) -> FloatArray | None:
     places = [np.clip(0.0, lower, upper)]
     if robot.platform and robot.sliding.issuperset(robot.platform):
         places += [0.5 * (lower + upper), upper, lower]
-    found = (_home_at(robot, seed, place) for place in places)
-    return next((home for home in found if home is not None), None)
+    homes = (_home_at(robot, seed, place) for place in places)
+    return next((home for home in homes if home is not None), None)
 
 
 def _home_at(robot: Robot, seed: int, place: FloatArray) -> FloatArray | None:
@@ -148,7 +148,7 @@ def _home_at(robot: Robot, seed: int, place: FloatArray) -> FloatArray | None:
     lower, upper = sampled_range(robot)
     width, centre = upper - lower, 0.5 * (lower + upper)
     postures = random_postures(robot, LOOKED_AT, seed)
-    # Around the middle of the ranges: what random arms do in the outer half is seldom worth starting from.
+    # Around the middle of the ranges: postures in the outer half are seldom a useful start.
     postures = centre + 0.7 * (postures - centre)
     postures[:, robot.columns(robot.platform)] = middle[robot.columns(robot.platform)]
     ordered = in_model_order(model, robot, postures)
@@ -173,8 +173,8 @@ def _home_at(robot: Robot, seed: int, place: FloatArray) -> FloatArray | None:
             score[k] = 2.0 * room + down + 0.5 * front + 0.5 * own_side + 2.0 * min(values[-1], 0.2)
         best[arm.name] = np.argsort(-score, kind="stable")[:TRIED].tolist()
 
-    def together(numbers: dict[str, list[int]]) -> FloatArray:
-        """Returns postures with each arm as in the sampled postures of some numbers, shape (n, joints)."""
+    def combined(numbers: dict[str, list[int]]) -> FloatArray:
+        """Combine sampled postures of each arm, given by index, shape (n, joints)."""
         rows = np.tile(middle, (len(next(iter(numbers.values()))), 1))
         for name, chosen in numbers.items():
             columns = robot.columns(robot.arm(name).joints)
@@ -183,14 +183,14 @@ def _home_at(robot: Robot, seed: int, place: FloatArray) -> FloatArray | None:
 
     free: dict[str, list[int]] = {}
     for name, numbers in best.items():
-        clear = ~touches(robot, together({name: numbers}), [name])
+        clear = ~touches(robot, combined({name: numbers}), [name])
         free[name] = [number for number, ok in zip(numbers, clear, strict=True) if ok][:FEW]
     if not all(free.values()):
         return None
-    # The best of one arm with the best of the other first.
-    pairs = sorted(product(*(range(len(found)) for found in free.values())), key=sum)[:TRIED]
-    candidates = together(
-        {name: [found[pair[a]] for pair in pairs] for a, (name, found) in enumerate(free.items())}
+    # Combinations of both arms' best postures come first.
+    pairs = sorted(product(*(range(len(indices)) for indices in free.values())), key=sum)[:TRIED]
+    candidates = combined(
+        {name: [rows[pair[a]] for pair in pairs] for a, (name, rows) in enumerate(free.items())}
     )
     usable = np.flatnonzero(~touches(robot, candidates, list(free)))
     return candidates[usable[0]] if len(usable) else None

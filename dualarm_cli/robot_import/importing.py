@@ -98,7 +98,7 @@ def import_robot(request: ImportRequest) -> Imported:
         limits = read_joint_limits(request.joint_limits, urdf)
     structure = find_structure(urdf, named_tips(srdf, request.tips), request.platform)
     urdf, assumed = with_limits(urdf, structure.joints, limits.joints)
-    moving_joints(urdf, structure.joints)  # its errors are at lines of the user's file
+    moving_joints(urdf, structure.joints)  # reports errors at lines of the user's file
     file = request.urdf.absolute()
     finder = MeshFinder(Project.of(file), file, request.packages, beyond=True)
     meshes = link_meshes(urdf, finder)
@@ -136,7 +136,7 @@ def import_robot(request: ImportRequest) -> Imported:
         names = ", ".join(sorted(assumed))
         reasons.append(f"velocity limits assumed, {ASSUMED}, as the URDF has none: {names}")
     reasons += [*contact_reasons(contacts, often), *postures.reasons]
-    # The description tells which meshes are taken as hulls, and which as parts.
+    # The description's reasons already list the meshes taken as hulls or parts.
     reasons += [note for note in loaded.notes if note.key != "hulls"]
     return Imported(
         _file_name(name), {**files, "robot.yaml": content.encode()}, loaded, tuple(reasons)
@@ -145,8 +145,8 @@ def import_robot(request: ImportRequest) -> Imported:
 
 def _near_zero(urdf: Urdf, structure: Structure) -> dict[str, float]:
     """Collect the nearest positions to 0 of joints that cannot be there [rad or m]."""
-    found = {joint: nearest_to_zero(urdf.joints[joint]) for joint in structure.joints}
-    return {joint: position for joint, position in found.items() if position != 0.0}
+    positions = {joint: nearest_to_zero(urdf.joints[joint]) for joint in structure.joints}
+    return {joint: position for joint, position in positions.items() if position != 0.0}
 
 
 def _file_name(name: str) -> str:
@@ -169,17 +169,17 @@ def _loaded(urdf: Urdf, files: Mapping[str, bytes], robot_file: str) -> LoadedRo
         try:
             return load_robot(path)
         except InputError as error:
-            raise InputError([_in_urdf(urdf, found) for found in error.diagnostics]) from None
+            raise InputError([_in_urdf(urdf, entry) for entry in error.diagnostics]) from None
 
 
-def _in_urdf(urdf: Urdf, found: Diagnostic) -> Diagnostic:
-    """Returns what is wrong with a file that is being written at the joint or link of the URDF that it is about."""
+def _in_urdf(urdf: Urdf, diagnostic: Diagnostic) -> Diagnostic:
+    """Move a diagnostic on a written file to the joint or link of the URDF."""
     for elements in (urdf.joints, urdf.links):
         for name, element in elements.items():
-            if quote(name) in found.message:
+            if quote(name) in diagnostic.message:
                 place = element.line, element.column
-                return urdf.source.diagnostic(*place, found.code, found.message)
-    return Diagnostic(urdf.source.name, 0, 0, found.code, found.message)
+                return urdf.source.diagnostic(*place, diagnostic.code, diagnostic.message)
+    return Diagnostic(urdf.source.name, 0, 0, diagnostic.code, diagnostic.message)
 
 
 NOISE, COARSE, UNITS = 1e-9, 1e-4, 5
@@ -232,13 +232,13 @@ def described(
                     Element("collision", solid.attributes, children=solid.children)
                 )
                 continue
-            kept = [c for c in solid.children if c.tag == "origin"]
+            origins = [c for c in solid.children if c.tag == "origin"]
             for hull in next(hulls):
                 path = f"meshes/{_safe(name)}_{len(files)}.stl"
                 files[path] = stl_bytes(hull)
                 mesh = Element("mesh", {"filename": path})
                 geometry = Element("geometry", {}, children=[mesh])
-                clean.children.append(Element("collision", {}, children=[*kept, geometry]))
+                clean.children.append(Element("collision", {}, children=[*origins, geometry]))
         elements.append(clean)
     rounded = 0
     for name, joint in urdf.joints.items():
@@ -271,7 +271,7 @@ def _exact(rpy: str) -> tuple[str, int]:
 
     Small angles stay as they are, because a calibration may have measured them.
     """
-    found, count = [], 0
+    words, count = [], 0
     for word in rpy.split():
         value = float(word)
         quarter = round(value / (0.5 * math.pi)) * 0.5 * math.pi
@@ -279,9 +279,9 @@ def _exact(rpy: str) -> tuple[str, int]:
         last = 10.0**exponent if isinstance(exponent, int) and 10.0**exponent <= ROUNDED else 0.0
         slack = min(UNITS * last, COARSE) if last <= COARSE else 0.5 * last
         near = quarter != 0.0 and abs(value - quarter) < max(NOISE, slack)
-        found.append(repr(quarter) if near else word)
+        words.append(repr(quarter) if near else word)
         count += near and abs(value - quarter) > 1e-12
-    return " ".join(found), count
+    return " ".join(words), count
 
 
 def _safe(name: str) -> str:
@@ -361,7 +361,7 @@ def robot_text(robot: RobotText) -> str:
     assumed = [pair for pair in robot.suggested if pair.assumed]
     if assumed:
         lines.append(
-            "assumed_contacts:  # judge them: each plan tells that their collisions are not checked"
+            "assumed_contacts:  # judge them: each plan notes that their collisions are not checked"
         )
         lines += [f"  - {_list(pair.links)}  # {_line(pair.why)}" for pair in assumed]
     for pair in robot.suggested:

@@ -57,30 +57,30 @@ def import_pair(left: ImportRequest, right: ImportRequest) -> ImportedPair:
     if robots["left"].files == robots["right"].files:
         folders = dict.fromkeys(robots, robots["left"].folder)
     elif robots["left"].folder == robots["right"].folder:
-        folders = {side: f"{side}_{one.folder}" for side, one in robots.items()}
+        folders = {side: f"{side}_{imported.folder}" for side, imported in robots.items()}
     else:
-        folders = {side: one.folder for side, one in robots.items()}
-    distance, clear = _distance(*(one.loaded.robot for one in robots.values()))
+        folders = {side: imported.folder for side, imported in robots.items()}
+    distance, clear = _distance(*(imported.loaded.robot for imported in robots.values()))
     files: dict[str, bytes] = {}
     reasons: list[str] = []
     for side, folder in folders.items():
-        one = robots[side]
-        files |= {f"{folder}/{name}": content for name, content in one.files.items()}
-        told = [f"{folder}: {reason}" for reason in one.reasons]
-        reasons += [reason for reason in told if reason not in reasons]
+        imported = robots[side]
+        files |= {f"{folder}/{name}": content for name, content in imported.files.items()}
+        prefixed = [f"{folder}: {reason}" for reason in imported.reasons]
+        reasons += [reason for reason in prefixed if reason not in reasons]
     assumed = f"bases: {distance:.1f} m apart, side by side, x to the front: assumed"
     if not clear:
         assumed += "; the posture home collides there"
     reasons.append(assumed)
     files["cell.yaml"] = _cell_text(folders, distance).encode()
-    name = "_and_".join(dict.fromkeys(one.folder for one in robots.values()))
+    name = "_and_".join(dict.fromkeys(imported.folder for imported in robots.values()))
     return ImportedPair(f"{name}_cell", files, tuple(reasons))
 
 
 def _one_arm(side: str, request: ImportRequest) -> Imported:
     """Import a robot, and refuse one that cannot be part of a pair."""
-    other = "right" if side == "left" else "left"
-    tips = {side: request.tips[side], other: NO_TIP} if side in request.tips else {}
+    other_side = "right" if side == "left" else "left"
+    tips = {side: request.tips[side], other_side: NO_TIP} if side in request.tips else {}
     imported = import_robot(replace(request, tips=tips, platform=()))
     problem = why_not_a_pair_member(imported.loaded.robot)
     if problem is not None:

@@ -84,7 +84,7 @@ def read_joint_limits(path: Path, urdf: Urdf) -> JointLimitsFile:
     if not isinstance(joints, dict):
         message = "has no mapping 'joint_limits'"
         raise InputError([Diagnostic(str(path), 0, 0, "E202", message)])
-    found = {}
+    limits_by_joint = {}
     for name, limits in joints.items():
         loc: Loc = ("joint_limits", name)
         if name not in urdf.joints:
@@ -94,21 +94,21 @@ def read_joint_limits(path: Path, urdf: Urdf) -> JointLimitsFile:
         elif not isinstance(limits, dict):
             findings.add(document, loc, f"must be a mapping, not {quote(limits)}", "E200")
         else:
-            found[name] = _stated(document, loc, limits, urdf.joints[name], findings)
+            limits_by_joint[name] = _stated(document, loc, limits, urdf.joints[name], findings)
     findings.raise_if_any()
-    reasons = _wider(path.name, urdf, found)
+    reasons = _wider(path.name, urdf, limits_by_joint)
     for key in document.data:
         if key != "joint_limits":
             scales = ": it scales MoveIt's motions; here `speed` of tasks does"
             more = scales if key.startswith("default_") else ""
             reasons.append(f"{path.name}:{document.place((key,))[0]}: {key} is not taken{more}")
-    return JointLimitsFile(found, tuple(reasons))
+    return JointLimitsFile(limits_by_joint, tuple(reasons))
 
 
-def _wider(file: str, urdf: Urdf, found: Mapping[str, StatedLimits]) -> list[str]:
-    """Returns messages on joints for which a file allows more than the URDF."""
+def _wider(file: str, urdf: Urdf, limits_by_joint: Mapping[str, StatedLimits]) -> list[str]:
+    """List messages on joints with wider limits than the URDF's."""
     faster, farther = [], []
-    for name, limits in found.items():
+    for name, limits in limits_by_joint.items():
         speed = _speed(urdf.joints[name])
         if limits.velocity is not None and speed is not None and 0.0 < speed < limits.velocity:
             faster.append(name)
@@ -137,10 +137,10 @@ def _stated(
 ) -> StatedLimits:
     """Read the enabled limits of one joint, and report errors in them."""
     switches = [f"has_{kind}_limits" for kind in _KEYS]
-    known = [*switches, *(key for keys in _KEYS.values() for key in keys), *_NOT_USED]
+    allowed = [*switches, *(key for keys in _KEYS.values() for key in keys), *_NOT_USED]
     for key in limits:
-        if key not in known:
-            message = f"unknown key {quote(key)}{suggest(key, known)}"
+        if key not in allowed:
+            message = f"unknown key {quote(key)}{suggest(key, allowed)}"
             findings.add(document, (*loc, key), message, "E201", key=True)
     values: dict[str, float] = {}
     for switch, keys in zip(switches, _KEYS.values(), strict=True):
@@ -169,12 +169,12 @@ def _number(
     key = str(loc[-1])
     value = limits.get(key)
     free = key in (*_KEYS["position"], *_KEYS["soft"], "max_deceleration")
-    wanted = "a number" if free else "a number above 0"
+    expected = "a number" if free else "a number above 0"
     if key not in limits:
-        findings.add(document, loc[:-1], f"{key} is missing; give {wanted}", "E202", key=True)
+        findings.add(document, loc[:-1], f"{key} is missing; give {expected}", "E202", key=True)
     elif isinstance(value, bool) or not isinstance(value, int | float):
         more = "; take its quotes away" if isinstance(value, str) else ""
-        findings.add(document, loc, f"{key} must be {wanted}, not {quote(value)}{more}", "E200")
+        findings.add(document, loc, f"{key} must be {expected}, not {quote(value)}{more}", "E200")
     elif value <= 0 and not free:
         findings.add(document, loc, f"{key} must be above 0, not {value:g}", "E200")
     else:
@@ -193,14 +193,14 @@ def _positions(
     """Read stated positions, or None after reporting errors."""
     if not all(key in values for key in keys):
         return None
-    found = values[keys[0]], values[keys[1]]
+    stated = values[keys[0]], values[keys[1]]
     lower, upper = position_range(joint)
-    first, last = _common(found, (lower, upper))
+    first, last = _common(stated, (lower, upper))
     # Equal soft limits would count as none.
     if first < last or (first == last and keys != SOFT_LIMITS):
-        return found
+        return stated
     message = (
-        f"no position of {quote(joint.name)} is within {found[0]:g} to {found[1]:g} and "
+        f"no position of {quote(joint.name)} is within {stated[0]:g} to {stated[1]:g} and "
         f"within the URDF's {lower:g} to {upper:g}"
     )
     findings.add(document, (*loc, keys[0]), message)
@@ -221,27 +221,27 @@ def with_limits(
     """
     joints, assumed = dict(urdf.joints), set()
     for name in used:
-        joint, other = joints[name], stated.get(name, StatedLimits())
-        own = joint.find("limit") or Element("limit", {}, joint.line, joint.column)
-        attributes = dict(own.attributes)
+        joint, given = joints[name], stated.get(name, StatedLimits())
+        limit = joint.find("limit") or Element("limit", {}, joint.line, joint.column)
+        attributes = dict(limit.attributes)
         kind = joint.get("type")
-        if other.positions is not None:
-            lower, upper = _common(other.positions, stated_range(joint))
+        if given.positions is not None:
+            lower, upper = _common(given.positions, stated_range(joint))
             attributes |= {"lower": repr(lower), "upper": repr(upper)}
             kind = "revolute" if kind == "continuous" else kind
         speed = _speed(joint)
         if speed is None:
             continue  # the reader of limits reports it
-        if other.velocity is not None and (speed == 0.0 or 0.0 < other.velocity < speed):
-            attributes["velocity"] = repr(other.velocity)
+        if given.velocity is not None and (speed == 0.0 or 0.0 < given.velocity < speed):
+            attributes["velocity"] = repr(given.velocity)
         elif speed == 0.0:
             attributes["velocity"] = repr(ASSUMED_SLIDING if kind == "prismatic" else ASSUMED_SPEED)
             assumed.add(name)
-        parts = {"limit": replace(own, attributes=attributes)}
-        if other.soft is not None:
-            parts["safety_controller"] = _soft(joint, other.soft)
+        parts = {"limit": replace(limit, attributes=attributes)}
+        if given.soft is not None:
+            parts["safety_controller"] = _soft(joint, given.soft)
         others = [child for child in joint.children if child.tag not in parts]
-        if attributes != own.attributes or other.soft is not None:
+        if attributes != limit.attributes or given.soft is not None:
             joints[name] = replace(
                 joint,
                 attributes={**joint.attributes, "type": kind},
@@ -250,15 +250,13 @@ def with_limits(
     return replace(urdf, joints=joints), frozenset(assumed)
 
 
-def _common(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """Return the positions that two ranges have in common."""
-    return max(one[0], other[0]), min(one[1], other[1])
+def _common(range_a: tuple[float, float], range_b: tuple[float, float]) -> tuple[float, float]:
+    """Intersect two position ranges."""
+    return max(range_a[0], range_b[0]), min(range_a[1], range_b[1])
 
 
 def _soft(joint: Element, soft: tuple[float, float]) -> Element:
     """Narrow a joint's soft limits in `<safety_controller>` to those of another file."""
-    own = joint.find("safety_controller") or Element("safety_controller", {"k_velocity": "0"})
-    common = _common(soft, soft_range(joint))
-    return replace(
-        own, attributes=own.attributes | dict(zip(SOFT_LIMITS, map(repr, common), strict=True))
-    )
+    safety = joint.find("safety_controller") or Element("safety_controller", {"k_velocity": "0"})
+    common = zip(SOFT_LIMITS, map(repr, _common(soft, soft_range(joint))), strict=True)
+    return replace(safety, attributes=safety.attributes | dict(common))

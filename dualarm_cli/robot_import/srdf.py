@@ -19,7 +19,7 @@ from dualarm_cli.robot_import.structure import (
     SIDES,
     NamedTip,
     side_of,
-    tells,
+    word_among,
     words,
 )
 
@@ -64,27 +64,27 @@ def read_srdf(path: Path, urdf: Urdf) -> Srdf:
     return Srdf(tips, states, conflicts, contacts, program_notes(source))
 
 
-def named_tips(srdf: Srdf, asked: Mapping[str, str]) -> dict[str, NamedTip]:
-    """Returns the links that tools are bolted to, by side: as options name them, else as the SRDF does.
+def named_tips(srdf: Srdf, requested: Mapping[str, str]) -> dict[str, NamedTip]:
+    """Select the tip link of each side: from options, or else from the SRDF.
 
     Args:
-        srdf: what an SRDF says.
-        asked: links that options name, by side.
+        srdf: content of the SRDF.
+        requested: links named by options, by side.
 
     Raises:
-        UsageError: groups of the SRDF for one side end in different links, and no option says which.
+        UsageError: groups of one side end in different links, and no option chooses.
     """
-    found = {}
+    tips = {}
     for side in SIDES:
         groups = srdf.tips.get(side, ())
-        if side in asked:
-            found[side] = NamedTip(asked[side], f"--{side}-tip")
+        if side in requested:
+            tips[side] = NamedTip(requested[side], f"--{side}-tip")
         elif len({tip.link for tip in groups}) > 1:
             several = ", ".join(f"{tip.link} ({tip.by})" for tip in groups)
             raise UsageError(f"the {side} arm may end in {several}; say which with --{side}-tip")
         elif groups:
-            found[side] = groups[0]
-    return found
+            tips[side] = groups[0]
+    return tips
 
 
 def _tips(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, tuple[NamedTip, ...]]:
@@ -95,18 +95,18 @@ def _tips(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, tuple[
     tips: dict[str, dict[str, NamedTip]] = {side: {} for side in SIDES}
     for group in root.all("group"):
         chain, side = group.find("chain"), side_of(group.name)
-        if chain is None or not side or tells(group.name, NO_ARM | GRIPPER):
+        if chain is None or not side or word_among(group.name, NO_ARM | GRIPPER):
             continue
         tip = chain.get("tip_link")
         if tip not in urdf.links:
             findings.add(chain, f"the URDF has no link {quote(tip)}")
         place = f"group {quote(group.name)} of {Path(findings.source.name).name}"
         tips[side][group.name] = NamedTip(tip, place)
-    found = {}
+    tips_by_side = {}
     for side, groups in tips.items():
         arms = [tip for name, tip in groups.items() if "arm" in words(name)]
-        found[side] = tuple(arms or groups.values())
-    return found
+        tips_by_side[side] = tuple(arms or groups.values())
+    return tips_by_side
 
 
 def _contacts(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[frozenset[str], str]:
@@ -136,14 +136,14 @@ def _states(
             findings.add(state, "<group_state> has no name")
         for joint in state.all("joint"):
             if len(joint.get("value").split()) > 1:
-                continue  # of a joint with several positions, such as that of the base, which stays where it is
+                continue  # a joint with several positions, such as the fixed base
             if joint.name not in urdf.joints:
                 findings.add(joint, f"the URDF has no joint {quote(joint.name)}")
                 continue
             value = findings.numbers(joint, "value", 1, f"joint {quote(joint.name)}")
             if value is None:
                 continue
-            other = states.setdefault(state.name, {}).setdefault(joint.name, value[0])
-            if other != value[0]:
-                conflicts[state.name] = f"{joint.name} is at {other:g} and at {value[0]:g}"
+            previous = states.setdefault(state.name, {}).setdefault(joint.name, value[0])
+            if previous != value[0]:
+                conflicts[state.name] = f"{joint.name} is at {previous:g} and at {value[0]:g}"
     return states, conflicts

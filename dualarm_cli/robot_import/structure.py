@@ -132,22 +132,22 @@ def find_structure(
     Raises:
         UsageError: an unknown name, or an ambiguous tree; the message names the options.
     """
-    none = NO_TIP if NO_TIP not in urdf.links else ""
-    absent = {side for side, tip in tips.items() if tip.link == none}
+    absent_tip = NO_TIP if NO_TIP not in urdf.links else ""
+    absent = {side for side, tip in tips.items() if tip.link == absent_tip}
     named = {side: tip for side, tip in tips.items() if side not in absent}
-    rows, told = _rows(urdf)
+    rows, notes = _rows(urdf)
     if named:
         _check_links(urdf, named)
-        other = next((side for side in SIDES if side not in tips), "")
+        other_side = next((side for side in SIDES if side not in tips), "")
         ends = {side: ArmChain((), tip.link, tip.by) for side, tip in named.items()}
-        if other:
-            found, why = _other_arm(urdf, rows, other, next(iter(ends.values())).tip)
-            told += why
-            ends |= {other: found} if found else {}
+        if other_side:
+            other_arm, why = _other_arm(urdf, rows, other_side, next(iter(ends.values())).tip)
+            notes += why
+            ends |= {other_side: other_arm} if other_arm else {}
         arms = _between(urdf, {side: ends[side] for side in SIDES if side in ends})
     else:
         sides = [side for side in SIDES if side not in absent]
-        arms = _found_arms(urdf, rows, sides, told)
+        arms = _arms_by_side(urdf, rows, sides, notes)
     reasons = [
         f"{side} arm: {', '.join(arm.joints)}; flange {arm.tip}{f' ({arm.by})' if arm.by else ''}"
         for side, arm in arms.items()
@@ -155,7 +155,7 @@ def find_structure(
     carriers = _common([urdf.chain(arm.tip) for arm in arms.values()]) if len(arms) == 2 else []
     chosen, more = _platform(urdf, carriers, platform)
     frozen = _frozen_slides(urdf, arms, carriers, chosen)
-    structure = Structure(arms, chosen, (*reasons, *more, *told), frozen)
+    structure = Structure(arms, chosen, (*reasons, *more, *notes), frozen)
     _check_followers(urdf, structure)
     return structure
 
@@ -177,16 +177,16 @@ def _other_arm(
     urdf: Urdf, rows: Sequence[ArmChain], side: str, tip: str
 ) -> tuple[ArmChain | None, list[str]]:
     """Find the other arm if one tip is named, or None and the reason."""
-    own = set(urdf.chain(tip))
-    rest = [row for row in rows if not own & set(row.joints)]
-    fitting = [row for row in rest if row.side == side]
-    if not fitting and len(rest) == 1 and not rest[0].side:
-        fitting = rest
+    arm_joints = set(urdf.chain(tip))
+    candidates = [row for row in rows if not arm_joints & set(row.joints)]
+    fitting = [row for row in candidates if row.side == side]
+    if not fitting and len(candidates) == 1 and not candidates[0].side:
+        fitting = candidates
     if len(fitting) == 1:
         return fitting[0], []
-    if not rest:
+    if not candidates:
         return None, []
-    ends = ", ".join(row.tip for row in rest)
+    ends = ", ".join(row.tip for row in candidates)
     return None, [
         f"no {side} arm: the tree does not tell which row of joints it is, of those that end in {ends}; "
         f"name its end with --{side}-tip"
@@ -195,15 +195,15 @@ def _other_arm(
 
 def _between(urdf: Urdf, ends: Mapping[str, ArmChain]) -> dict[str, ArmChain]:
     """Determine the joints that move only one arm's tip."""
-    own = set(moving(urdf))
-    chains = {side: [n for n in urdf.chain(end.tip) if n in own] for side, end in ends.items()}
+    movable = set(moving(urdf))
+    chains = {side: [n for n in urdf.chain(end.tip) if n in movable] for side, end in ends.items()}
     carried = len(_common(list(chains.values()))) if len(chains) == 2 else 0
     arms = {}
     for side, end in ends.items():
         joints = _arm_part(urdf, chains[side][carried:])
         if len(joints) < LEAST_AXES:
             count = count_of(len(chains[side]), "joint")
-            both = f", {carried} of which move the other arm as well" if carried else ""
+            both = f"; {carried} of these move the other arm as well" if carried else ""
             raise UsageError(
                 f"{end.by or f'--{side}-tip'}: link '{end.tip}' is moved by {count} "
                 f"({', '.join(chains[side]) or 'none'}){both}; an arm has at least {LEAST_AXES} that turn"
@@ -254,21 +254,21 @@ def _frozen_slides(
 
 
 def _platform(
-    urdf: Urdf, carriers: list[str], asked: Sequence[str] | None
+    urdf: Urdf, carriers: list[str], requested: Sequence[str] | None
 ) -> tuple[tuple[str, ...], list[str]]:
-    """Returns the joints of the platform, and why."""
+    """Select the joints of the platform, with the reasons."""
     reasons: list[str] = []
     turning = [
         n for n in carriers if n in moving(urdf) and urdf.joints[n].get("type") != "prismatic"
     ]
-    if asked is not None:
-        for name in asked:
+    if requested is not None:
+        for name in requested:
             if name not in carriers:
-                known = ", ".join(carriers) or "none"
+                carrier_names = ", ".join(carriers) or "none"
                 raise UsageError(
-                    f"--platform: '{name}' does not carry both arms; these do: {known}"
+                    f"--platform: '{name}' does not carry both arms; these do: {carrier_names}"
                 )
-        return tuple(n for n in carriers if n in asked), reasons
+        return tuple(n for n in carriers if n in requested), reasons
     chosen = turning[-PLATFORM_JOINTS:]
     if chosen:
         reasons.append(f"platform: {', '.join(chosen)}: carries both arms")
@@ -279,29 +279,29 @@ def _platform(
             f"{name}: slides and carries both arms; stands at {1e3 * place:g} mm; --platform {name} lets it move "
             "between stages"
         )
-    left = [name for name in carriers if name not in (*chosen, *lifts)]
-    if left:
-        reasons.append(f"joints below the arms that stay where they are: {', '.join(left)}")
+    fixed_joints = [name for name in carriers if name not in (*chosen, *lifts)]
+    if fixed_joints:
+        reasons.append(f"joints below the arms that stay where they are: {', '.join(fixed_joints)}")
     return tuple(chosen), reasons
 
 
 def _common(chains: list[list[str]]) -> list[str]:
     """Find the joints with which all chains begin."""
-    found = []
+    prefix = []
     for names in zip(*chains, strict=False):
         if len(set(names)) > 1:
             break
-        found.append(names[0])
-    return found
+        prefix.append(names[0])
+    return prefix
 
 
-def _found_arms(
+def _arms_by_side(
     urdf: Urdf, rows: Sequence[ArmChain], sides: Sequence[str], left_out: Sequence[str]
 ) -> dict[str, ArmChain]:
-    """Returns the arms of some sides, from the tree and the names in it."""
+    """Assign candidate chains to the given sides, by the tree and its names."""
     candidates = [row for row in rows if not row.side or row.side in sides]
     if not candidates or not sides:
-        grips = [name for name in moving(urdf) if tells(name, GRIPPER)]
+        grips = [name for name in moving(urdf) if word_among(name, GRIPPER)]
         if len(grips) >= LEAST_AXES:
             left_out = [*left_out, f"joints of grippers by their names: {', '.join(grips)}"]
         why = "".join(f"; {reason}" for reason in left_out)
@@ -321,20 +321,19 @@ def _found_arms(
 
 def _rows(urdf: Urdf) -> tuple[list[ArmChain], list[str]]:
     """Find the chains that may be arms, in document order, and reasons against the others."""
-    own = moving(urdf)
+    movable = moving(urdf)
     before: dict[str, str] = {}  # moving joint to the moving joint that carries it
-    for name in own:
-        carriers = [
-            n for n in urdf.chain(urdf.joints[name].child_name("child", "link")) if n in set(own)
-        ]
+    for name in movable:
+        chain = urdf.chain(urdf.joints[name].child_name("child", "link"))
+        carriers = [n for n in chain if n in set(movable)]
         before[name] = carriers[-2] if len(carriers) > 1 else ""
     after: dict[str, list[str]] = {}
     for name, carrier in before.items():
-        if not tells(name, GRIPPER):
+        if not word_among(name, GRIPPER):
             after.setdefault(carrier, []).append(name)
-    found, left_out = [], []
+    candidates, left_out = [], []
     for name in before:
-        if tells(name, GRIPPER) or (before[name] and len(after[before[name]]) == 1):
+        if word_among(name, GRIPPER) or (before[name] and len(after[before[name]]) == 1):
             continue
         row = [name]
         while len(after.get(row[-1], [])) == 1:
@@ -344,17 +343,17 @@ def _rows(urdf: Urdf) -> tuple[list[ArmChain], list[str]]:
         if len(joints) + len(followers) < LEAST_AXES:
             continue
         span = f"{joints[0]} to {joints[-1]}"
-        part = next(((n, word) for n in joints if (word := tells(n, NO_ARM))), None)
+        part = next(((n, word) for n in joints if (word := word_among(n, NO_ARM))), None)
         if part is not None:
             left_out.append(f"no arm: {span} ('{part[1]}' in {part[0]})")
         elif followers:
-            both = ", ".join(f"{one} mimics {other}" for one, other in followers.items())
+            both = ", ".join(f"{name} mimics {leader}" for name, leader in followers.items())
             left_out.append(
                 f"no arm: {span}, as {both}; arms with joints that follow others cannot be planned"
             )
         else:
-            found.append(ArmChain(joints, _tip(urdf, joints[-1])))
-    return found, left_out
+            candidates.append(ArmChain(joints, _tip(urdf, joints[-1])))
+    return candidates, left_out
 
 
 def _followers(urdf: Urdf, joints: Sequence[str]) -> dict[str, str]:
@@ -368,7 +367,7 @@ def _followers(urdf: Urdf, joints: Sequence[str]) -> dict[str, str]:
             for name, joint in urdf.joints.items()
             if joint.child_name("parent", "link") == end and joint.get("type") != "fixed"
         ]
-        if len(behind) != 1 or tells(behind[0], GRIPPER):
+        if len(behind) != 1 or word_among(behind[0], GRIPPER):
             break
         inside.append(behind[0])
         end = urdf.joints[behind[0]].child_name("child", "link")
@@ -378,7 +377,7 @@ def _followers(urdf: Urdf, joints: Sequence[str]) -> dict[str, str]:
 
 def _arm_part(urdf: Urdf, row: Sequence[str]) -> tuple[str, ...]:
     """Cut gripper joints off a chain's end, and sliding joints off both ends."""
-    joints = [name for name in row if not tells(name, GRIPPER)] or list(row)
+    joints = [name for name in row if not word_among(name, GRIPPER)] or list(row)
     slides = [urdf.joints[name].get("type") == "prismatic" for name in joints]
     first = max((k + 1 for k, s in enumerate(slides[: len(joints) // 2]) if s), default=0)
     last = min(
@@ -400,7 +399,7 @@ def _tip(urdf: Urdf, joint: str) -> str:
         ]
         links += fixed
         todo += fixed
-    # A link and a joint of one name cannot be told apart by every reader.
+    # Some readers confuse a link and a joint of the same name.
     usable = [link for link in links if link not in urdf.joints] or links
     return next(_matching(usable), usable[0])
 
@@ -433,7 +432,7 @@ def words(name: str) -> list[str]:
     `RHipYaw` becomes r, hip, yaw; `leftarm` becomes left, arm; `l1` has no words, because its letter is a number;
     plurals of parts become singular.
     """
-    found = []
+    parts = []
     for match in _RUN.finditer(name):
         word = match[0].lower()
         if word in ("l", "r") and name[match.end() : match.end() + 1].isdigit():
@@ -441,11 +440,11 @@ def words(name: str) -> list[str]:
         for side in _SIDES:
             rest = word.removeprefix(side)
             if rest != word and (_part(rest) in _PARTS or (rest and len(side) > 1)):
-                found.append(side)
+                parts.append(side)
                 word = rest
                 break
-        found.append(_part(word))
-    return found
+        parts.append(_part(word))
+    return parts
 
 
 def _part(word: str) -> str:
@@ -458,9 +457,9 @@ def side_of(name: str) -> str:
 
     Whole words take precedence over single letters. A name with both sides has none.
     """
-    found = words(name)
+    name_words = words(name)
     for marks in (("left", "right"), ("l", "r")):
-        sides = {_SIDES[word] for word in found if word in marks}
+        sides = {_SIDES[word] for word in name_words if word in marks}
         if sides:
             return sides.pop() if len(sides) == 1 else ""
     return ""
@@ -472,11 +471,11 @@ def side_of_most(names: Iterable[str]) -> str:
     return next((s for s in ("left", "right") if sides.count(s) > len(sides) / 2), "")
 
 
-def tells(name: str, parts: Iterable[str]) -> str:
+def word_among(name: str, parts: Iterable[str]) -> str:
     """Find the first word of a name among given parts, or an empty string."""
     return next((word for word in words(name) if word in parts), "")
 
 
-def count_of(number: int, one: str, several: str = "") -> str:
-    """Format a count with the name of what is counted, such as `1 pair` or `3 pairs`."""
-    return f"{number} {one if number == 1 else several or f'{one}s'}"
+def count_of(number: int, singular: str, plural: str = "") -> str:
+    """Format a count with its noun, such as `1 pair` or `3 pairs`."""
+    return f"{number} {singular if number == 1 else plural or f'{singular}s'}"

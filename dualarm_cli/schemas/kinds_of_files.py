@@ -95,11 +95,11 @@ def _object() -> dict[str, Any]:
 def _inside(node: dict[str, Any], step: str, path: str) -> dict[str, Any]:
     """Return the schema of a nested object or list entry, created on first use."""
     name = step.removesuffix("[]")
-    found = node["additionalProperties"] if step.startswith("<") else node["properties"].get(name)
-    if not found:
-        found = {"type": "array", "items": _object()} if step.endswith("[]") else _object()
-        _put(node, name, path.removesuffix("[]"), found)
-    inside: dict[str, Any] = found["items"] if step.endswith("[]") else found
+    member = node["additionalProperties"] if step.startswith("<") else node["properties"].get(name)
+    if not member:
+        member = {"type": "array", "items": _object()} if step.endswith("[]") else _object()
+        _put(node, name, path.removesuffix("[]"), member)
+    inside: dict[str, Any] = member["items"] if step.endswith("[]") else member
     return inside
 
 

@@ -83,10 +83,10 @@ def read_baseline(path: Path) -> Baseline:
         why = str(error).partition(" for integer")[0]
         _refuse(name, f"is not a baseline: {why}")
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        found = document.get("format") if isinstance(document, dict) else document
+        format_name = document.get("format") if isinstance(document, dict) else document
         _refuse(
             name,
-            f"cannot be read by this version: its format is {quote(found)}, not '{FORMAT}'",
+            f"cannot be read by this version: its format is {quote(format_name)}, not '{FORMAT}'",
         )
     cases, settings = document.get("cases"), document.get("settings")
     if not isinstance(cases, dict) or not isinstance(settings, dict):
@@ -102,9 +102,9 @@ def read_baseline(path: Path) -> Baseline:
 
 def _recorded(file: str, case: str, entry: Any) -> Recorded:
     """Read the record of one case; a damaged one raises InputError."""
-    known = {one.name for one in fields(Recorded)}
-    if not isinstance(entry, dict) or set(entry) != known:
-        _refuse(file, f"is damaged: case {quote(case)} must have {', '.join(sorted(known))}")
+    names = {entry_field.name for entry_field in fields(Recorded)}
+    if not isinstance(entry, dict) or set(entry) != names:
+        _refuse(file, f"is damaged: case {quote(case)} must have {', '.join(sorted(names))}")
     for name in ("cycle_time", "clearance", "gap"):
         optional = name != "cycle_time" and entry[name] is None
         if not optional and not is_number(entry[name]):
@@ -155,7 +155,7 @@ def baseline_bytes(
         },
     }
     text = "".join(_lines(document, 0)) + "\n"
-    # Half a surrogate, as in names that are no text, becomes JSON's own escape.
+    # Lone surrogates, from file names that are not UTF-8, become JSON escapes.
     return text.encode("utf-8", "backslashreplace")
 
 
@@ -192,15 +192,15 @@ def find_cases(patterns: Sequence[str]) -> list[str]:
     Raises:
         UsageError: a name or pattern matches nothing: a missing case must not pass.
     """
-    found: dict[str, None] = {}
+    cases: dict[str, None] = {}
     for pattern in patterns:
         names = _matches(pattern)
         if not names:
             folder = bool(pattern) and Path(pattern).is_dir()
             what = "has no task files (tasks/1)" if folder else "does not exist and matches no file"
             raise UsageError(f"{quote(pattern)} {what}: there is nothing to score")
-        found |= dict.fromkeys(case_name(name) for name in names)
-    return sorted(found)
+        cases |= dict.fromkeys(case_name(name) for name in names)
+    return sorted(cases)
 
 
 def _matches(pattern: str) -> list[str]:
@@ -209,7 +209,7 @@ def _matches(pattern: str) -> list[str]:
     path = Path(pattern)
     if path.is_dir():
         return _tasks_in(pattern)
-    # The name comes first: it may have brackets in it.
+    # An existing name takes precedence: it may contain brackets.
     if os.path.lexists(path) or not glob.has_magic(pattern):
         return [pattern]
     names = glob.glob(pattern, recursive=True)  # noqa: PTH207
@@ -229,14 +229,14 @@ def _tasks_in(folder: str) -> list[str]:
             f"{quote(error.filename)} cannot be searched for task files: {error.strerror}"
         )
 
-    found = []
+    paths = []
     for place, folders, files in os.walk(folder, onerror=unread):
         folders[:] = [name for name in folders if not name.startswith(".")]
         for name in files:
             path = Path(place) / name
             if not name.startswith(".") and path.suffix in (".yaml", ".yml") and _is_tasks(path):
-                found.append(str(path))
-    return found
+                paths.append(str(path))
+    return paths
 
 
 def _is_tasks(path: Path) -> bool:
@@ -246,4 +246,4 @@ def _is_tasks(path: Path) -> bool:
         with path.open("rb") as file:
             return _TASKS.search(file.read(MAX_FILE_BYTES)) is not None
     except OSError:
-        return True  # what cannot be read is not passed over in silence
+        return True  # report unreadable files instead of skipping them

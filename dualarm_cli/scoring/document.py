@@ -44,20 +44,20 @@ def score_document(
 
 
 def _row(verdict: Verdict) -> dict[str, Any]:
-    found, before = verdict.evaluation, verdict.before
+    evaluation, before = verdict.evaluation, verdict.before
     figures: dict[str, Any] = dict.fromkeys(
         ("cycle_time", "lower_bound", "gap", "clearance", "required_clearance", "travel")
     )
-    if found is not None:
-        figures = {name: getattr(found, name) for name in figures}
+    if evaluation is not None:
+        figures = {name: getattr(evaluation, name) for name in figures}
     return {
         "case": verdict.case,
         "state": verdict.state,
         **figures,
         "baseline_cycle_time": None if before is None else before.cycle_time,
         "change": verdict.change,
-        "limiting": {} if found is None else dict(found.limiting),
-        "budgets": [] if found is None else [asdict(line) for line in found.budgets],
+        "limiting": {} if evaluation is None else dict(evaluation.limiting),
+        "budgets": [] if evaluation is None else [asdict(line) for line in evaluation.budgets],
         "reasons": [asdict(reason) for reason in verdict.reasons],
         "caveats": list(verdict.caveats),
     }

@@ -18,16 +18,16 @@ RATES = ("velocity", "acceleration", "jerk")
 class GateSettings:
     """Thresholds of the gate."""
 
-    same: float = 1e-9
-    """Limits that differ by less than this share are the same."""
-    grew: float = 1e-3
-    """Growth of a share of the time that is worth a word [s]."""
-    most_limits: int = 3
-    """Most changed limits that are spelt out."""
-    most_files: int = 4
-    """Most changed files that are named."""
-    noticeable: float = 1e-3
-    """An improvement by less than this share is none that anybody has to be told."""
+    limit_tolerance: float = 1e-9
+    """Relative difference up to which limits count as equal."""
+    min_growth: float = 1e-3
+    """Growth of a part of the time from which it is reported [s]."""
+    max_limits: int = 3
+    """Maximum number of tightened limits in a message."""
+    max_files: int = 4
+    """Maximum number of changed files in a message."""
+    min_improvement: float = 1e-3
+    """Relative improvement from which a case counts as improved."""
 
 
 GATE = GateSettings()
@@ -77,8 +77,8 @@ def why_slower(before: Recorded, now: Evaluation) -> str:
     parts = []
     if blamed:
         parts.append(_takes_more(blamed, before.limiting, now.limiting))
-        own = [limit for limit in tightened if limit.joint == blamed]
-        parts += [f"its {limit.text}" for limit in own[: GATE.most_limits]]
+        joint_limits = [limit for limit in tightened if limit.joint == blamed]
+        parts += [f"its {limit.text}" for limit in joint_limits[: GATE.max_limits]]
         if rest := [limit for limit in tightened if limit.joint != blamed]:
             parts.append(f"also {_listed(rest)}")
     elif tightened:
@@ -96,14 +96,14 @@ def _slower_here(before: Recorded, time: float, elsewhere: str) -> str:
     """Compose the message on a case that is slower than on another machine."""
     return (
         f"cycle time {before.cycle_time:.3f} s -> {time:.3f} s, and no file has changed: {elsewhere}. "
-        "Score on a machine like that one, or make the baseline anew here with --update-baseline"
+        "Score on a machine like that one, or record the baseline here with --update-baseline"
     )
 
 
 def _grown(before: Mapping[str, float], now: Mapping[str, float]) -> list[str]:
     """List the parts of the time that have grown, largest growth first."""
     growth = {name: now.get(name, 0.0) - before.get(name, 0.0) for name in {*before, *now}}
-    return sorted((n for n in growth if growth[n] > GATE.grew), key=lambda n: (-growth[n], n))
+    return sorted((n for n in growth if growth[n] > GATE.min_growth), key=lambda n: (-growth[n], n))
 
 
 def _takes_more(name: str, before: Mapping[str, float], now: Mapping[str, float]) -> str:
@@ -113,24 +113,24 @@ def _takes_more(name: str, before: Mapping[str, float], now: Mapping[str, float]
 
 def _tightened(before: Mapping[str, Mapping[str, float]], now: Evaluation) -> list[Tightened]:
     """List the joint limits that have become tighter, tightest first."""
-    found = []
+    tightened = []
     for joint in sorted(now.limits):
         then, limits, slides = before.get(joint), now.limits[joint], joint in now.sliding
         if then is None:
             continue
         for name in RATES:
             old, new = then.get(name, math.inf), limits.get(name, math.inf)
-            if new < old * (1.0 - GATE.same):
+            if new < old * (1.0 - GATE.limit_tolerance):
                 unit = _unit(name, slides)
                 text = f"{name} limit was {_shown(old, slides)} {unit}, now {_shown(new, slides)} {unit}"
-                found.append(Tightened(joint, text, new / old if math.isfinite(old) else 0.0))
+                tightened.append(Tightened(joint, text, new / old if math.isfinite(old) else 0.0))
         for name, sign in (("lower", 1.0), ("upper", -1.0)):
             old, new = then.get(name, -sign * math.inf), limits.get(name, -sign * math.inf)
-            if sign * (new - old) > GATE.same:
+            if sign * (new - old) > GATE.limit_tolerance:
                 unit = "mm" if slides else "deg"
                 text = f"{name} limit was {_shown(old, slides)} {unit}, now {_shown(new, slides)} {unit}"
-                found.append(Tightened(joint, text, 1.0))
-    return sorted(found, key=lambda limit: (limit.share, limit.joint))
+                tightened.append(Tightened(joint, text, 1.0))
+    return sorted(tightened, key=lambda limit: (limit.share, limit.joint))
 
 
 def _unit(name: str, slides: bool) -> str:
@@ -146,8 +146,8 @@ def _shown(value: float, slides: bool) -> str:
 
 def _listed(limits: list[Tightened]) -> str:
     """List the first tightened limits and the number of the others."""
-    text = ", ".join(f"{limit.joint}'s {limit.text}" for limit in limits[: GATE.most_limits])
-    more = len(limits) - GATE.most_limits
+    text = ", ".join(f"{limit.joint}'s {limit.text}" for limit in limits[: GATE.max_limits])
+    more = len(limits) - GATE.max_limits
     return text + (f" and {more} more" if more > 0 else "")
 
 
@@ -156,9 +156,9 @@ def _input_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     changed = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
     if not changed:
         return "no file has changed, so the cause is dualarm or one of its libraries"
-    more = len(changed) - GATE.most_files
+    more = len(changed) - GATE.max_files
     tail = f" and {more} more" if more > 0 else ""
-    return f"changed since: {', '.join(changed[: GATE.most_files])}{tail}"
+    return f"changed since: {', '.join(changed[: GATE.max_files])}{tail}"
 
 
 FLOOR = 1e-3
@@ -183,7 +183,7 @@ def judge_all(
         elsewhere: description of the baseline's machine if it differs from this one, else empty.
     """
     recorded = baseline or {}
-    known = set(evaluations) | (set() if subset else set(recorded))
+    cases = set(evaluations) | (set() if subset else set(recorded))
     fresh = {
         _files(e.inputs): case
         for case, e in evaluations.items()
@@ -200,7 +200,7 @@ def judge_all(
         )
         if case in evaluations
         else _missing(case, recorded[case], fresh.get(_files(recorded[case].inputs), ""))
-        for case in sorted(known)
+        for case in sorted(cases)
     ]
 
 
@@ -219,7 +219,7 @@ def _missing(case: str, before: Recorded, renamed: str) -> Verdict:
 
 
 def _files(inputs: Mapping[str, str]) -> frozenset[tuple[str, str]]:
-    """Returns what files a case was read from, by name from its folder and content."""
+    """Return the input files of a case as (name, SHA-256) pairs."""
     return frozenset(inputs.items())
 
 
@@ -265,7 +265,7 @@ def judge(
                 else why_slower(before, evaluation)
             )
             reasons.insert(0, Finding(text, case))
-        elif -slower > max(FLOOR, GATE.noticeable * before.cycle_time):
+        elif -slower > max(FLOOR, GATE.min_improvement * before.cycle_time):
             states.append("improved")
     elif compared:
         states.append("new")

@@ -47,10 +47,10 @@ def score_index(
 
 
 def _row(verdict: Verdict, page: str | None) -> PageRow:
-    found, before = verdict.evaluation, verdict.before
+    evaluation, before = verdict.evaluation, verdict.before
     case = verdict.case
     name = PageCell(case) if page is None else PageCell("", links={case: f"{FOLDER}/{page}"})
-    bound = None if found is None else found.lower_bound
+    bound = None if evaluation is None else evaluation.lower_bound
     time, change, gap, clearance = figure_words(verdict)
     mark = "bad" if verdict.failed else "warn" if verdict.caveats else "good"
     return PageRow(
@@ -63,7 +63,7 @@ def _row(verdict: Verdict, page: str | None) -> PageRow:
             PageCell(NOTHING if bound is None else f"{bound:.3f}"),
             PageCell(gap),
             PageCell(clearance),
-            verified_cell("" if found is None else found.status, verdict.caveats),
+            verified_cell("" if evaluation is None else evaluation.status, verdict.caveats),
             PageCell("\n".join([*map(str, verdict.reasons), *verdict.caveats])),
         ]
     )

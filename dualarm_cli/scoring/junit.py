@@ -59,8 +59,8 @@ def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
         tag = "error" if _is_error(verdict) else "failure"
         lines = [xml_text(str(reason)) for reason in verdict.reasons]
         message = lines[0] if lines else words(verdict.state)
-        found = ElementTree.SubElement(case, tag, {"type": verdict.state, "message": message})
-        found.text = "\n".join(lines)
+        problem = ElementTree.SubElement(case, tag, {"type": verdict.state, "message": message})
+        problem.text = "\n".join(lines)
     if verdict.evaluation is None or verdict.evaluation.cycle_time is None:
         return
     time, change, gap, clearance = figure_words(verdict)
@@ -71,4 +71,4 @@ def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
 
 def xml_text(text: str) -> str:
     """Replace characters that XML cannot represent by their escapes."""
-    return _NO_XML.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+    return _NO_XML.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)

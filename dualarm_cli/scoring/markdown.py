@@ -32,27 +32,27 @@ def github_commands(verdicts: Sequence[Verdict], workspace: str | None) -> list[
         verdicts: by name.
         workspace: folder of GitHub's file names; None for the working directory.
     """
-    found = []
+    commands = []
     for verdict in verdicts:
         if not verdict.failed:
             continue
         for reason in verdict.reasons or (Finding(words(verdict.state), verdict.case),):
-            found.append(_command("error", verdict, reason, workspace))
-    if len(found) > MOST:
-        more = len(found) - MOST + 1
+            commands.append(_command("error", verdict, reason, workspace))
+    if len(commands) > MOST:
+        more = len(commands) - MOST + 1
         text = _data(f"dualarm score: {more} more findings are in the step summary and the log")
-        found = [*found[: MOST - 1], f"::error::{text}"]
-    found += [
+        commands = [*commands[: MOST - 1], f"::error::{text}"]
+    commands += [
         f"::warning::{_data(f'dualarm score: {line}')}" for line in caveat_lines(verdicts)[:MOST]
     ]
-    return found + [f"::notice::{_data(f'dualarm score: {line}')}" for line in advice(verdicts)]
+    return commands + [f"::notice::{_data(f'dualarm score: {line}')}" for line in advice(verdicts)]
 
 
 def _command(kind: str, verdict: Verdict, reason: Finding, workspace: str | None) -> str:
     file = reason.file or verdict.case
     if workspace:
         file = os.path.relpath(file, workspace)
-    # Without a line GitHub shows nothing at the file itself.
+    # GitHub shows an annotation at a file only with a line.
     properties = {"file": file, "line": str(reason.line or 1)}
     if reason.column:
         properties["col"] = str(reason.column)

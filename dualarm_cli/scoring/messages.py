@@ -20,9 +20,9 @@ _COLOURS = {"pass": "green", "improved": "bold green", "new": "yellow"}
 
 def figure_words(verdict: Verdict) -> tuple[str, str, str, str]:
     """Format a case's cycle time, change, gap and least clearance."""
-    found, change = verdict.evaluation, verdict.change
+    plan, change = verdict.evaluation, verdict.change
     time, gap, clearance = (
-        (None, None, None) if found is None else (found.cycle_time, found.gap, found.clearance)
+        (None, None, None) if plan is None else (plan.cycle_time, plan.gap, plan.clearance)
     )
     same = "0.0 %" if change is None or abs(change) < 5e-4 else f"{change * 100:+.1f} %"
     return (

@@ -110,17 +110,17 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class _Found:
-    """What one arm reaches on the table."""
+class _Reach:
+    """Reach of one arm on the table."""
 
     depth: FloatArray
-    """How many nodes each one is away from what is not reached, shape (ny, nx)."""
+    """Distance of each node from the border of the reach [nodes], shape (ny, nx)."""
     number: FloatArray
-    """Number of each node's posture, shape (ny, nx)."""
+    """Index of each node's posture, shape (ny, nx)."""
     postures: Postures
-    """At the targets."""
+    """Postures at the targets."""
     back: FloatArray
-    """Joints with the tool drawn back [rad], shape (m, n)."""
+    """Joint positions with the tool retracted [rad], shape (m, n)."""
 
 
 def find_layout(bare: Cell, name: str) -> Layout:
@@ -155,16 +155,16 @@ def _tables(
     """List the tables with the largest reach, best first; easily reached heights come first."""
     step, grid = here.step, reach.grid
     front, easy = _front(cell, here, grid), here.is_easy(heights)
-    found = []
+    ranked = []
     for k, height in enumerate(heights):
         top, thickness = round(float(height) - 0.5 * step, 4), min(0.04, step)
         free = room_for_table(cell, grid.x, grid.y, (top - thickness, top), arms=arms_at_home)
         reached = [reach.reached(arm)[0, k] for arm in reach.postures]
-        worth, rows, columns = most_reached(reached, free, front)
-        if np.isfinite(worth):
+        score, rows, columns = most_reached(reached, free, front)
+        if np.isfinite(score):
             table = _under(grid.x[columns], grid.y[rows], REGION.coarser * step, (top, thickness))
-            found.append((not easy[k], -worth, k, table))
-    return [table for *_, table in sorted(found, key=lambda one: one[:3])[: LAYOUT.tables_tried]]
+            ranked.append((not easy[k], -score, k, table))
+    return [table for *_, table in sorted(ranked, key=lambda row: row[:3])[: LAYOUT.tables_tried]]
 
 
 def _on_table(
@@ -231,26 +231,26 @@ def _rows(
     cell: Cell, reach: ReachMap, here: Region
 ) -> tuple[dict[str, Row], dict[str, Row]] | None:
     """Place trays and boxes of all arms without collisions, or return None."""
-    found = {arm: _found(reach, arm) for arm in reach.postures}
+    reaches = {arm: _arm_reach(reach, arm) for arm in reach.postures}
     grid = reach.grid
     middle = [
         (c - side[0]) / grid.step
         for c, side in zip(here.centre[::-1], (grid.y, grid.x), strict=True)
     ]
-    count = LAYOUT.picks // len(found)
+    count = LAYOUT.picks // len(reaches)
     both = reach.both[0, 0]
     model, clearance = CellModel.from_cell(cell), CellClearance.of(cell, ())
-    # As far from the border as there are enough rows; by and by nearer.
+    # Start as far from the border as possible, and move nearer if rows are lacking.
     for depth in range(LAYOUT.depth, 0, -1):
-        pairs = {arm: _pairs(reach, one, count, depth) for arm, one in found.items()}
+        pairs = {arm: _pairs(reach, arm_reach, count, depth) for arm, arm_reach in reaches.items()}
         for chosen in _layouts(pairs, middle, here.across[::-1]) if all(pairs.values()) else ():
-            work = dict(zip(found, chosen, strict=True))
-            if len(work) == 1 or _clear_of_each_other(model, clearance, found, work):
-                ways = [
+            work = dict(zip(reaches, chosen, strict=True))
+            if len(work) == 1 or _clear_of_each_other(model, clearance, reaches, work):
+                rows_by_arm = [
                     {arm: _row(reach.grid, nodes[k], both) for arm, nodes in work.items()}
                     for k in (0, 1)
                 ]
-                return ways[0], ways[1]
+                return rows_by_arm[0], rows_by_arm[1]
     return None
 
 
@@ -258,7 +258,7 @@ Nodes = tuple[tuple[int, int], ...]
 """Rows and columns of the nodes of a row of targets."""
 
 
-def _found(reach: ReachMap, arm: str) -> _Found:
+def _arm_reach(reach: ReachMap, arm: str) -> _Reach:
     reached = reach.reached(arm)[0, 0]
     depth, inner = np.zeros(reached.shape), reached
     while inner.any():
@@ -272,23 +272,23 @@ def _found(reach: ReachMap, arm: str) -> _Found:
         )
     number = np.full(reached.size, -1)
     number[reach.postures[arm].node] = np.arange(len(reach.postures[arm].node))
-    return _Found(depth, number.reshape(reached.shape), reach.postures[arm], reach.drawn_back[arm])
+    return _Reach(depth, number.reshape(reached.shape), reach.postures[arm], reach.drawn_back[arm])
 
 
-def _pairs(reach: ReachMap, found: _Found, count: int, depth: int) -> list[tuple[Nodes, Nodes]]:
-    """Returns an arm's trays and boxes, best first: rows of nodes that are so deep within what it reaches."""
-    good: BoolArray = found.depth >= depth
+def _pairs(reach: ReachMap, area: _Reach, count: int, depth: int) -> list[tuple[Nodes, Nodes]]:
+    """List an arm's tray and box pairs, best first, at least `depth` nodes inside its reach."""
+    deep: BoolArray = area.depth >= depth
     rows: list[Nodes] = []
-    ny, nx = good.shape
-    for iy, ix in zip(*np.nonzero(good), strict=True):
+    ny, nx = deep.shape
+    for iy, ix in zip(*np.nonzero(deep), strict=True):
         for dy, dx in ((1, 0), (0, 1)):
             nodes = tuple((int(iy) + k * dy, int(ix) + k * dx) for k in range(count))
-            if nodes[-1][0] < ny and nodes[-1][1] < nx and all(good[node] for node in nodes):
+            if nodes[-1][0] < ny and nodes[-1][1] < nx and all(deep[node] for node in nodes):
                 rows.append(nodes)
     if len(rows) > LAYOUT.rows_kept:
         rows = [rows[k] for k in np.linspace(0, len(rows) - 1, LAYOUT.rows_kept).astype(int)]
-    pairs = [(_distance(one, other), one, other) for one in rows for other in rows]
-    # Far enough apart, but no farther; of many that are, some all over the table.
+    pairs = [(_distance(tray, box), tray, box) for tray in rows for box in rows]
+    # About the preferred distance; of too many such pairs, a subset spread over the table.
     pairs = sorted(
         (pair for pair in pairs if pair[0] >= LAYOUT.least_apart),
         key=lambda pair: abs(pair[0] - LAYOUT.apart),
@@ -296,12 +296,12 @@ def _pairs(reach: ReachMap, found: _Found, count: int, depth: int) -> list[tuple
     near = [pair for pair in pairs if abs(pair[0] - LAYOUT.apart) <= 1.0]
     if len(near) > LAYOUT.pairs_kept:
         pairs = [near[k] for k in np.linspace(0, len(near) - 1, LAYOUT.pairs_kept).astype(int)]
-    return [(one, other) for _, one, other in pairs[: LAYOUT.pairs_kept]]
+    return [(tray, box) for _, tray, box in pairs[: LAYOUT.pairs_kept]]
 
 
-def _distance(one: Nodes, other: Nodes) -> float:
-    """Returns the least distance of nodes of two rows, in steps."""
-    a, b = np.array(one), np.array(other)
+def _distance(row_a: Nodes, row_b: Nodes) -> float:
+    """Compute the least distance between the nodes of two rows [steps]."""
+    a, b = np.array(row_a), np.array(row_b)
     return float(products.norm(a[:, None] - b[None], axis=-1).min())
 
 
@@ -323,10 +323,10 @@ def _layouts(
         return [(pair,) for pair in next(iter(pairs.values()))][: LAYOUT.layouts_tried]
     left, right = pairs.values()
     a, b = (
-        np.array([[np.mean(row, axis=0) for row in pair] for pair in one]) for one in (left, right)
+        np.array([[np.mean(row, axis=0) for row in pair] for pair in arm]) for arm in (left, right)
     )
     gap = products.norm(a[:, None, :, None] - b[None, :, None, :], axis=-1).min(axis=(2, 3))
-    # From the right arm's tray to the left one's, and so for the boxes; and the middles between them.
+    # Vectors from the right arm's row to the left arm's, of trays and of boxes, and their midpoints.
     across, between = a[:, None] - b[None], 0.5 * (a[:, None] + b[None]) - np.array(centre)
     unlike = products.norm(across[:, :, 0] - across[:, :, 1], axis=-1)
     along = across.sum(axis=2, keepdims=True)
@@ -345,21 +345,21 @@ def _layouts(
 def _clear_of_each_other(
     model: CellModel,
     clearance: CellClearance,
-    found: Mapping[str, _Found],
+    reaches: Mapping[str, _Reach],
     work: Mapping[str, tuple[Nodes, Nodes]],
 ) -> bool:
-    """Returns whether both arms are clear of each other in every stage, at the targets and with tools drawn back."""
+    """Test whether the arms do not collide in any stage, at the targets and retracted."""
     test, rows = clearance.test, []
     for k in (0, 1):
-        stages = list(zip(*(work[arm][k] for arm in found), strict=True))
+        stages = list(zip(*(work[arm][k] for arm in reaches), strict=True))
         for nodes in stages:
             numbers = [
-                int(one.number[node]) for one, node in zip(found.values(), nodes, strict=True)
+                int(reach.number[node]) for reach, node in zip(reaches.values(), nodes, strict=True)
             ]
             for backs in product((False, True), repeat=2):
                 whole = np.array(model.cell.robot.postures["home"])
-                for (arm, one), number, back in zip(found.items(), numbers, backs, strict=True):
-                    q = one.back if back else one.postures.q
+                for (arm, reach), number, back in zip(reaches.items(), numbers, backs, strict=True):
+                    q = reach.back if back else reach.postures.q
                     whole[model.arms[arm].columns] = q[number]
                 rows.append(whole)
     return bool((test.margins(test.cross(), np.array(rows)) >= SLACK).all())
@@ -472,15 +472,15 @@ def most_reached(
         """Sum values over all rectangles, shape (rows, columns)."""
         total = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
         total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
-        found: FloatArray = (
+        sums: FloatArray = (
             total[y[1]][:, x[1]]
             - total[y[0]][:, x[1]]
             - total[y[1]][:, x[0]]
             + total[y[0]][:, x[0]]
         )
-        return found
+        return sums
 
-    worst = np.minimum.reduce([inside(front * one.astype(np.float64)) for one in reached])
+    worst = np.minimum.reduce([inside(front * nodes.astype(np.float64)) for nodes in reached])
     score = (
         worst + 0.5 * inside(front * both.astype(np.float64)) - 0.1 * inside(np.ones(free.shape))
     )

@@ -52,7 +52,7 @@ jobs:
           dualarm score tasks.yaml --baseline scores.json --max-regression 2%
           --timeout '10 min' --cache ~/.cache/dualarm --junit score.xml --github
       - uses: actions/cache/save@v4
-        if: always()  # what was planned is not planned again, also where the gate is closed
+        if: always()  # keeps the plans for the next run, also if the gate fails
         with:
           path: ~/.cache/dualarm
           key: dualarm-${{ github.run_id }}
@@ -92,26 +92,26 @@ def start_project(folder: Path, source: RobotSource) -> list[str]:
         InfeasibleError: no table and targets were found for the robot.
     """
     refuse_used_folder(folder)
-    beside = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir())
+    parent = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir())
     try:
-        with tempfile.TemporaryDirectory(prefix=".dualarm-init-", dir=beside) as hidden:
-            # The robot's files may lead as far up as the folder of their own.
-            made = Path(hidden) / "project"
-            _write(made, {**source.files, "cell.yaml": _bare_cell(source).encode()})
-            layout = find_layout(load_cell(made / "cell.yaml").cell, source.name)
+        with tempfile.TemporaryDirectory(prefix=".dualarm-init-", dir=parent) as hidden:
+            # File references in the robot's folder may lead up to the project folder.
+            project = Path(hidden) / "project"
+            _write(project, {**source.files, "cell.yaml": _bare_cell(source).encode()})
+            layout = find_layout(load_cell(project / "cell.yaml").cell, source.name)
             files = {**source.files, **_files(source, layout)}
-            _write(made, files)
-            load_job(made / LAST)
-            load_study(made / "study.yaml")
+            _write(project, files)
+            load_job(project / LAST)
+            load_study(project / "study.yaml")
             if folder.is_dir():
                 names = sorted(
-                    (path.name for path in made.iterdir()), key=lambda name: name == LAST
+                    (path.name for path in project.iterdir()), key=lambda name: name == LAST
                 )
                 for name in names:
-                    (made / name).rename(folder / name)
+                    (project / name).rename(folder / name)
             else:
                 folder.parent.mkdir(parents=True, exist_ok=True)
-                made.rename(folder)
+                project.rename(folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
     return list(files)
@@ -156,12 +156,12 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
         source: the robot.
         layout: of the cell.
     """
-    own = "the robot's own hand" if any(t.hand for t in layout.tools.values()) else "a gripper"
+    grippers = "the robot's own hand" if any(t.hand for t in layout.tools.values()) else "a gripper"
     lines = [
         "# The cell: a robot, its tools, and what stands around it. Written by `dualarm init`: replace it by yours.",
         "dualarm: cell/1",
         f"robot: {source.reference}",
-        f"tools:                 # {own} on each flange; its tool centre point (tcp) has z along the tool",
+        f"tools:                 # {grippers} on each flange; its tool centre point (tcp) has z along the tool",
     ]
     lines += [f"  {arm}: {_tool(tool)}" for arm, tool in layout.tools.items()]
     lines.append(
@@ -169,9 +169,9 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
     )
     many = len(layout.trays) > 1
     for arm, (tray, box) in zip(layout.trays, _pairs(layout), strict=True):
-        for what, row in (("tray", tray), ("box", box)):
+        for kind, row in (("tray", tray), ("box", box)):
             note = "  # both arms reach it" if many and row.shared else ""
-            lines.append(f"  {what}_{arm}: {_frame(row, layout.height)}{note}")
+            lines.append(f"  {kind}_{arm}: {_frame(row, layout.height)}{note}")
     x, y, z = layout.table.middle
     size = ", ".join(f"{_number(side)}" for side in layout.table.size)
     lines += [
@@ -197,7 +197,7 @@ def tasks_text(layout: Layout) -> str:
     ]
     if not layout.start_at_home:
         lines.append(
-            "start: free            # the posture home is in the way of the table, or its tools are below it"
+            "start: free            # at home the robot collides with the table, or a tool is below its top"
         )
     lines += [
         "return: true           # end where the cycle began",
@@ -229,7 +229,7 @@ def study_text(layout: Layout) -> str:
         layout: of the cell.
     """
     shift = 0.5 * layout.step
-    frames = [f"{what}_{arm}" for arm in layout.trays for what in ("tray", "box")]
+    frames = [f"{kind}_{arm}" for arm in layout.trays for kind in ("tray", "box")]
     return "\n".join(
         [
             "# A layout study: how high should the table stand? `dualarm sweep study.yaml` plans each height.",

@@ -46,8 +46,8 @@ def robot_source(robot: str | None, packages: Sequence[Path] = ()) -> RobotSourc
         InputError: its files are wrong.
         UsageError: there is no such robot, or its files are not all in one folder.
     """
-    known = bundled_robots()
-    if robot is None or robot in known:
+    bundled = bundled_robots()
+    if robot is None or robot in bundled:
         name = robot or "sda10f"
         return RobotSource(name, {}, name)
     path = Path(robot)
@@ -59,10 +59,10 @@ def robot_source(robot: str | None, packages: Sequence[Path] = ()) -> RobotSourc
         return _pair(path.parent) if path.name == CELL_FILE else _robot_file(path)
     if path.is_file():
         return _imported(path, packages)
-    hint = did_you_mean(robot, known)
+    hint = did_you_mean(robot, bundled)
     raise UsageError(
         f"--robot {robot}: there is no such file or folder, and no bundled robot of that name{hint or ';'} bundled: "
-        f"{', '.join(known)}"
+        f"{', '.join(bundled)}"
     )
 
 

@@ -37,10 +37,10 @@ from dualarm_cli.studies.rows import TOGETHER, Ranking, StudyRow, rank
 _note = NoteTable(
     "sensitivity",
     too_few="no sensitivity: fewer than two plans",
-    constant="no sensitivity: it is the same in all plans",
+    constant="no sensitivity: the objective is constant",
     few="{plans} plans for {parameters:# parameter|# parameters}: the result is only an indication",
-    left_out="values at which nothing has a plan are left out",
-    estimates="shares are estimates, as the plans do not fill the grid",
+    left_out="values without any plan are left out",
+    estimates="shares are estimates, because the plans do not fill the grid",
     linear="a linear fit explains {share:.0%}: slopes are more reliable than shares",
     not_linear="a linear fit explains {share:.0%} only: use the main effects instead of the slopes",
     searched="the search tried good points more often than others",
@@ -176,7 +176,7 @@ def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> l
         first = reasons[row.number][0] if reasons[row.number] else ""
         kind = _NUMBER.sub("#", first.partition("\n")[0])
         groups.setdefault((row.status, kind), []).append(row)
-    found = [
+    failures = [
         {
             "status": status,
             "count": len(rows),
@@ -185,40 +185,40 @@ def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> l
         }
         for (status, _), rows in groups.items()
     ]
-    return sorted(found, key=lambda entry: (-len(entry["points"]), entry["points"]))
+    return sorted(failures, key=lambda entry: (-len(entry["points"]), entry["points"]))
 
 
 def _sensitivity(
     study: Study, objective: Objective, rows: Sequence[StudyRow], searched: bool
 ) -> dict[str, Any]:
     """Analyse the sensitivity of an objective, over all rows that have its value."""
-    known = [(row, value) for row in rows if (value := row.figures[objective.name]) is not None]
-    known.sort(key=lambda pair: pair[0].number)
-    factors = [_factor(p, k, [row for row, _ in known]) for k, p in enumerate(study.parameters)]
+    valued = [(row, value) for row in rows if (value := row.figures[objective.name]) is not None]
+    valued.sort(key=lambda pair: pair[0].number)
+    factors = [_factor(p, k, [row for row, _ in valued]) for k, p in enumerate(study.parameters)]
     stepped = all(parameter.span is None for parameter in study.parameters)
-    values = np.array([value for _, value in known], dtype=np.float64)
-    found: StudySensitivity = sensitivity(factors, values, stepped, objective.step)
-    notes = list(found.notes)
-    if searched and not found.is_grid:
+    values = np.array([value for _, value in valued], dtype=np.float64)
+    result: StudySensitivity = sensitivity(factors, values, stepped, objective.step)
+    notes = list(result.notes)
+    if searched and not result.is_grid:
         notes.append(_note("searched"))
     return {
         "objective": objective.name,
-        "plans": found.plans,
-        "whole_grid": found.is_grid,
+        "plans": result.plans,
+        "whole_grid": result.is_grid,
         "parameters": [
             {
-                "name": one.parameter,
-                "main_effect": one.effect,
-                "share": one.share,
-                "slope": one.slope,
-                "rank_correlation": one.rank_correlation,
+                "name": influence.parameter,
+                "main_effect": influence.effect,
+                "share": influence.share,
+                "slope": influence.slope,
+                "rank_correlation": influence.rank_correlation,
             }
-            for one in found.influences
+            for influence in result.influences
         ],
         "interactions": [
-            {"between": [one, other], "share": share} for one, other, share in found.pairs
+            {"between": [name_a, name_b], "share": share} for name_a, name_b, share in result.pairs
         ],
-        "linear_share": found.linear_share,
+        "linear_share": result.linear_share,
         "notes": notes,
     }
 
@@ -229,9 +229,9 @@ def _factor(parameter: Parameter, k: int, rows: Sequence[StudyRow]) -> Factor:
     if not parameter.is_numeric:
         places = [parameter.levels.index(level) for level in levels]
         return word_factor(parameter.name, places, len(parameter.levels))
-    known = [level.number for level in parameter.levels if isinstance(level, Amount)]
+    steps = [level.number for level in parameter.levels if isinstance(level, Amount)]
     numbers = [level.number for level in levels if isinstance(level, Amount)]
-    return numeric_factor(parameter.name, np.array(numbers, dtype=np.float64), known)
+    return numeric_factor(parameter.name, np.array(numbers, dtype=np.float64), steps)
 
 
 @dataclass(frozen=True)
@@ -242,12 +242,12 @@ class EffectSettings:
     """Maximum number of bins of a range without steps, for main effects."""
     per_bin: int = 4
     """Minimum mean number of plans per bin."""
-    few: int = 5
-    """Plans per parameter below which the numbers are hints."""
-    straight: float = 0.7
-    """Part of the variance that a linear fit must explain, so that slopes say something."""
-    same: float = 1e-9
-    """Spread relative to the values below which an objective counts as the same everywhere."""
+    min_plans_per_parameter: int = 5
+    """Number of plans per parameter below which the result is only an indication."""
+    min_linear_share: float = 0.7
+    """Part of the variance that a linear fit must explain for meaningful slopes."""
+    spread_tolerance: float = 1e-9
+    """Relative spread below which an objective counts as constant."""
 
 
 EFFECT = EffectSettings()
@@ -314,9 +314,9 @@ def numeric_factor(name: str, numbers: ArrayLike, levels: Sequence[float]) -> Fa
     """
     values = np.asarray(numbers, dtype=np.float64)
     if len(levels):
-        known = np.asarray(levels, dtype=np.float64)
-        nearest = np.abs(values[:, None] - known[None, :]).argmin(axis=1)
-        return Factor(name, nearest, len(known), values)
+        steps = np.asarray(levels, dtype=np.float64)
+        nearest = np.abs(values[:, None] - steps[None, :]).argmin(axis=1)
+        return Factor(name, nearest, len(steps), values)
     parts = int(np.clip(len(values) // EFFECT.per_bin, 1, EFFECT.bins))
     span = np.ptp(values) if len(values) else 0.0
     shares = (values - values.min()) / span if span > 0.0 else np.zeros(len(values))
@@ -351,11 +351,11 @@ def sensitivity(
     whole = grid and count == int(np.prod([factor.count for factor in factors]))
     varied = [factor for factor in factors if len(np.unique(factor.levels)) > 1]
     spread = float(np.ptp(values)) if count else 0.0
-    if count < 2 or spread <= max(step, EFFECT.same * float(np.abs(values).max())):
+    if count < 2 or spread <= max(step, EFFECT.spread_tolerance * float(np.abs(values).max())):
         note = _note("too_few" if count < 2 else "constant")
         effect = 0.0 if count > 1 else None
-        none = tuple(Influence(f.name, effect, None, None, None) for f in factors)
-        return StudySensitivity(count, grid, none, (), None, (note,))
+        flat = tuple(Influence(f.name, effect, None, None, None) for f in factors)
+        return StudySensitivity(count, grid, flat, (), None, (note,))
     slopes, linear_share = _regression(factors, values)
     influences = [
         Influence(
@@ -367,7 +367,7 @@ def sensitivity(
         )
         for factor in factors
     ]
-    influences.sort(key=lambda one: -(one.share or 0.0))
+    influences.sort(key=lambda influence: -(influence.share or 0.0))
     pairs = _pairs(varied, values) if grid else ()
     notes = _notes(count, factors, linear_share, grid, whole)
     return StudySensitivity(count, grid, tuple(influences), pairs, linear_share, notes)
@@ -423,14 +423,14 @@ def _pairs(factors: Sequence[Factor], values: FloatArray) -> tuple[tuple[str, st
     The largest comes first.
     """
     total = float(((values - values.mean()) ** 2).sum())
-    found = []
-    for one, other in combinations(factors, 2):
-        both = Factor("", one.levels * other.count + other.levels, one.count * other.count, None)
+    interactions = []
+    for a, b in combinations(factors, 2):
+        both = Factor("", a.levels * b.count + b.levels, a.count * b.count, None)
         _, means, counts = level_means(both, values)
         between = float((counts * (means - values.mean()) ** 2).sum()) / total
-        own = (_share(one, values, True) or 0.0) + (_share(other, values, True) or 0.0)
-        found.append((one.name, other.name, float(np.clip(between - own, 0.0, 1.0))))
-    return tuple(sorted(found, key=lambda pair: -pair[2]))
+        main = (_share(a, values, True) or 0.0) + (_share(b, values, True) or 0.0)
+        interactions.append((a.name, b.name, float(np.clip(between - main, 0.0, 1.0))))
+    return tuple(sorted(interactions, key=lambda pair: -pair[2]))
 
 
 def _regression(
@@ -447,7 +447,7 @@ def _regression(
         if factor.numbers is not None:
             columns.append((factor.name, factor.numbers))
         else:
-            # Words have a column each but one, so that the slopes of numbers are what is left beside them.
+            # Every word except the first has an indicator column, so that slopes of numbers are partial.
             columns += [
                 ("", (factor.levels == level).astype(np.float64))
                 for level in np.unique(factor.levels)[1:]
@@ -486,13 +486,13 @@ def _notes(
     count: int, factors: Sequence[Factor], linear_share: float | None, grid: bool, whole: bool
 ) -> tuple[Note, ...]:
     notes = []
-    if count < EFFECT.few * len(factors):
+    if count < EFFECT.min_plans_per_parameter * len(factors):
         notes.append(_note("few", plans=count, parameters=len(factors)))
     if grid and not whole:
         notes.append(_note("left_out"))
     if not grid:
         notes.append(_note("estimates"))
-    if linear_share is not None and (not grid or linear_share < EFFECT.straight):
-        straight = linear_share >= EFFECT.straight
-        notes.append(_note("linear" if straight else "not_linear", share=linear_share))
+    if linear_share is not None and (not grid or linear_share < EFFECT.min_linear_share):
+        is_linear = linear_share >= EFFECT.min_linear_share
+        notes.append(_note("linear" if is_linear else "not_linear", share=linear_share))
     return tuple(notes)

@@ -24,7 +24,7 @@ def check_settings(study: Study) -> None:
     named = [key for key in ("platform", "timing", "redundancy") if key in study.settings]
     if not named:
         return
-    # All methods take a second to load, which a study of known plans has no other need for.
+    # Loading all methods takes a second, which a study of stored plans does not need.
     from dualarm_cli.model.settings import PlanSettings
     from dualarm_cli.planning.redundancy_choice import with_redundancy
     from dualarm_cli.stages.methods import METHODS
@@ -81,34 +81,34 @@ def new_value(target: Target, job: int, level: Level) -> float | str | bool:
         job: number of the task file.
         level: value of the parameter.
     """
-    found = target.present[job]
+    present = target.present[job]
     if not isinstance(level, Amount):
         return level
-    if target.apply == "set" or not isinstance(found, Amount):
+    if target.apply == "set" or not isinstance(present, Amount):
         return level.written
-    return (shifted if target.apply == "shift" else scaled)(found, level).written
+    return (shifted if target.apply == "shift" else scaled)(present, level).written
 
 
-def _same(found: Level | None, value: float | str | bool) -> bool:
-    """Returns whether a value is the file's own, whatever its unit."""
-    if not isinstance(found, Amount):
-        return type(found) is type(value) and found == value
+def _same(present: Level | None, value: float | str | bool) -> bool:
+    """Test whether a value equals the file's, in any unit."""
+    if not isinstance(present, Amount):
+        return type(present) is type(value) and present == value
     if isinstance(value, bool):
         return False
     try:
-        return read_amount(value).si == found.si
+        return read_amount(value).si == present.si
     except QuantityError:
         return False
 
 
 def input_problems(study: Study, point: Point) -> list[Diagnostic]:
-    """Returns what is wrong with the files of a point; values that a parameter sets are reported in the study file.
+    """List the input errors of a point; those of parameter values point to the study file.
 
     Args:
         study: the study.
-        point: one whose evaluation says that the input is bad.
+        point: one with the status `bad_input`.
     """
-    found: list[Diagnostic] = []
+    problems: list[Diagnostic] = []
     for k, request in enumerate(point_requests(study, point)):
         causes = {
             target.keys[k]: parameter
@@ -122,8 +122,8 @@ def input_problems(study: Study, point: Point) -> list[Diagnostic]:
         try:
             load_job(request.path, request.case, overrides)
         except InputError as error:
-            found += [d for d in error.diagnostics if d not in found]
-    return found
+            problems += [d for d in error.diagnostics if d not in problems]
+    return problems
 
 
 def _at(parameter: Parameter) -> Diagnostic:

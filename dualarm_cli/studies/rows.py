@@ -23,13 +23,13 @@ def pareto_set(costs: FloatArray) -> BoolArray:
         costs: to be minimised, finite, shape (n, k).
     """
     count = len(costs)
-    kept = np.ones(count, dtype=bool)
+    non_dominated = np.ones(count, dtype=bool)
     for start in range(0, count, _BLOCK):
-        own = costs[start : start + _BLOCK, None, :]
-        at_least = np.all(costs <= own, axis=2)
-        better = np.any(costs < own, axis=2)
-        kept[start : start + _BLOCK] = ~np.any(at_least & better, axis=1)
-    return kept
+        block = costs[start : start + _BLOCK, None, :]
+        at_least = np.all(costs <= block, axis=2)
+        better = np.any(costs < block, axis=2)
+        non_dominated[start : start + _BLOCK] = ~np.any(at_least & better, axis=1)
+    return non_dominated
 
 
 TOGETHER: Mapping[str, Callable[[Sequence[float]], float]] = {
@@ -55,8 +55,8 @@ class StudyRow:
     @property
     def status(self) -> Status:
         """Worst status of all task files."""
-        found = {evaluation.status for evaluation in self.evaluations}
-        return max(found, key=STATUSES.index)
+        statuses = {evaluation.status for evaluation in self.evaluations}
+        return max(statuses, key=STATUSES.index)
 
     @property
     def is_planned(self) -> bool:
@@ -66,12 +66,12 @@ class StudyRow:
     @property
     def figures(self) -> dict[str, float | None]:
         """Total figure of all task files by objective; None if unknown or without a plan."""
-        found: dict[str, float | None] = {}
+        totals: dict[str, float | None] = {}
         for name in OBJECTIVES:
             values = [getattr(evaluation, name) for evaluation in self.evaluations]
-            known = self.is_planned and all(value is not None for value in values)
-            found[name] = float(TOGETHER[name](values)) if known else None
-        return found
+            is_known = self.is_planned and all(value is not None for value in values)
+            totals[name] = float(TOGETHER[name](values)) if is_known else None
+        return totals
 
     def costs(self, objectives: Sequence[Objective]) -> list[float] | None:
         """Compute the costs to minimise; None if a figure is unknown."""
@@ -87,7 +87,7 @@ class Ranking:
     """Rows with a plan, best first."""
 
     rows: tuple[StudyRow, ...]
-    """Pareto set sorted by the first objective, then the other rows, then unrankable ones."""
+    """Pareto set sorted by the first objective, then the other rows, then rest ones."""
     pareto: frozenset[int]
     """Row numbers of the Pareto set."""
 
@@ -101,10 +101,10 @@ def rank(rows: Sequence[StudyRow], objectives: Sequence[Objective]) -> Ranking:
     """
     planned = [row for row in rows if row.is_planned]
     costs = {row.number: row.costs(objectives) for row in planned}
-    known = [row for row in planned if costs[row.number] is not None]
-    matrix: FloatArray = np.array([costs[row.number] for row in known], dtype=np.float64)
-    matrix = matrix.reshape(len(known), len(objectives))
-    best = {row.number for row, kept in zip(known, pareto_set(matrix), strict=True) if kept}
-    known.sort(key=lambda row: (row.number not in best, costs[row.number], row.number))
+    valued = [row for row in planned if costs[row.number] is not None]
+    matrix: FloatArray = np.array([costs[row.number] for row in valued], dtype=np.float64)
+    matrix = matrix.reshape(len(valued), len(objectives))
+    best = {row.number for row, flag in zip(valued, pareto_set(matrix), strict=True) if flag}
+    valued.sort(key=lambda row: (row.number not in best, costs[row.number], row.number))
     rest = [row for row in planned if costs[row.number] is None]
-    return Ranking((*known, *rest), frozenset(best))
+    return Ranking((*valued, *rest), frozenset(best))

@@ -33,14 +33,14 @@ class StudySearchSettings:
 
     batch: int = 8
     """Number of points per batch."""
-    tries: int = 20
-    """Further proposals of the estimator where one is known."""
-    draws: int = 200
-    """Random draws where the estimator has no new point."""
-    no_plan: float = 1e9
-    """Cost of a point without a plan; that there is none counts first."""
-    most_points: int = 100_000
-    """Most points of one study."""
+    max_proposals: int = 20
+    """Maximum number of further proposals after a repeated point."""
+    max_draws: int = 200
+    """Maximum number of random draws if the estimator has no new point."""
+    no_plan_cost: float = 1e9
+    """Cost of a point without a plan; the constraint on plans counts first."""
+    max_points: int = 100_000
+    """Maximum number of points of one study."""
 
 
 SEARCH = StudySearchSettings()
@@ -128,7 +128,7 @@ class _Searcher:
         """Report the result of a point."""
         costs = row.costs(self._study.objectives)
         if costs is None:
-            costs, misses = [SEARCH.no_plan] * len(self._study.objectives), 1.0
+            costs, misses = [SEARCH.no_plan_cost] * len(self._study.objectives), 1.0
         else:
             misses = 0.0
         self._known[row.point] = costs, misses
@@ -142,26 +142,26 @@ class _Searcher:
         """Propose one new point: of the initial design, of the estimator, or random."""
         for point in self._spread:
             if point not in self._trials:
-                return self._take(self._asked(point), point)
-        for _ in range(SEARCH.tries):
+                return self._take(self._trial_of(point), point)
+        for _ in range(SEARCH.max_proposals):
             trial = self._ask()
             point = tuple(axis.level(trial.params[axis.name]) for axis in self._axes)
             if point not in self._trials:
                 return self._take(trial, point)
-            # What is known is reported once more, so that the estimator looks elsewhere in the end.
+            # The repeated result moves the estimator away from this point.
             if point in self._known:
                 self._tell(trial, *self._known[point])
             else:
                 self._optuna.tell(trial, state=self._state.FAIL)
         drawn = self._any()
-        return None if drawn is None else self._take(self._asked(drawn), drawn)
+        return None if drawn is None else self._take(self._trial_of(drawn), drawn)
 
     def _take(self, trial: Any, point: Point) -> Point:
         self._trials[point] = trial
         return point
 
-    def _asked(self, point: Point) -> Any:
-        """Returns a trial of one certain point."""
+    def _trial_of(self, point: Point) -> Any:
+        """Create a trial of a given point."""
         values = {a.name: a.value(level) for a, level in zip(self._axes, point, strict=True)}
         self._optuna.enqueue_trial(values)
         return self._ask()
@@ -176,7 +176,7 @@ class _Searcher:
 
     def _any(self) -> Point | None:
         """Draw a new random point, or None."""
-        for _ in range(SEARCH.draws):
+        for _ in range(SEARCH.max_draws):
             point = self._point(self._rng.random(len(self._axes)).tolist())
             if point not in self._trials:
                 return point
@@ -267,10 +267,10 @@ def study_points(study: Study) -> list[Point]:
             f"{parameter.place}: the range of {parameter.name!r} has no steps; give it step or count, add "
             "`sample: {count: 40}` to the study, or search it with --optimise"
         )
-    if count > SEARCH.most_points:
+    if count > SEARCH.max_points:
         raise UsageError(
-            f"{study.name}: makes {count:,} plans; at most {SEARCH.most_points:,}: use longer steps, `sample:`, "
-            "or --optimise"
+            f"{study.name}: has {count:,} points, at most {SEARCH.max_points:,} are planned; use longer steps, "
+            "`sample:`, or --optimise"
         )
     spans = [p.span for p in study.parameters if p.span is not None]
     samples: list[Point] = [()]
@@ -298,7 +298,7 @@ def sample_shares(sampling: Sampling, dimensions: int) -> FloatArray:
             The first points of a longer Halton sequence are those of a shorter one.
         dimensions: of the cube.
     """
-    from scipy.stats import qmc  # takes a second, and grids do without
+    from scipy.stats import qmc  # takes a second, and grids do not need it
 
     rng = np.random.default_rng(sampling.seed)
     if sampling.method == "halton":
@@ -314,8 +314,8 @@ class Progress:
     """Number of finished points."""
     of: int
     """Total number of points."""
-    known: int
-    """Plans that the store knew."""
+    from_store: int
+    """Number of plans from the store."""
     best: StudyRow | None
     """Best row so far by the first objective."""
 
@@ -330,8 +330,8 @@ class Desk:
     """Store of earlier evaluations, or None."""
     tell: Callable[[Progress], None] = lambda _: None
     """Progress callback after every point."""
-    known: int = 0
-    """Plans that the store knew."""
+    from_store: int = 0
+    """Number of plans from the store."""
     planned: int = 0
     """Number of new plans."""
     seen: dict[str, str] = field(default_factory=dict)
@@ -350,16 +350,16 @@ class Desk:
         Raises:
             InputError: a file of the jobs changed meanwhile.
         """
-        asked = [point_requests(study, point) for point in points]
-        found = self._evaluated(
-            asked, lambda k, e: StudyRow(len(done) + k, points[k], e), study, list(done)
+        requests = [point_requests(study, point) for point in points]
+        rows = self._evaluated(
+            requests, lambda k, e: StudyRow(len(done) + k, points[k], e), study, list(done)
         )
-        return [found[k] for k in range(len(points))]
+        return [rows[k] for k in range(len(points))]
 
     def reference(self, study: Study) -> StudyRow:
         """Evaluate the unchanged files of a study, as row number -1."""
-        asked = [reference_requests(study)]
-        return self._evaluated(asked, lambda _, e: StudyRow(-1, (), e), study, None)[0]
+        requests = [reference_requests(study)]
+        return self._evaluated(requests, lambda _, e: StudyRow(-1, (), e), study, None)[0]
 
     def pages(self, study: Study, rows: Sequence[StudyRow]) -> dict[tuple[int, int], str]:
         """Collect the page data of plans, and plan those again that the store lacks.
@@ -374,7 +374,7 @@ class Desk:
         Raises:
             InputError: a file of the jobs changed meanwhile.
         """
-        asked = [
+        requests = [
             replace(request, page=True)
             for row in rows
             for request in (
@@ -382,46 +382,46 @@ class Desk:
             )
         ]
         places = [(row.number, k) for row in rows for k in range(len(study.tasks))]
-        found: dict[tuple[int, int], str] = {}
-        every = answers(asked, self.run, self.store, self.seen)
+        pages_by_place: dict[tuple[int, int], str] = {}
+        every = answers(requests, self.run, self.store, self.seen)
         for done, answer in enumerate(every, start=1):
-            self.known += answer.known
-            self.planned += not answer.known
+            self.from_store += answer.from_store
+            self.planned += not answer.from_store
             if answer.evaluation.page:
-                found[places[answer.index]] = answer.evaluation.page
-            self.tell(Progress(done, len(asked), self.known, None))
-        return found
+                pages_by_place[places[answer.index]] = answer.evaluation.page
+            self.tell(Progress(done, len(requests), self.from_store, None))
+        return pages_by_place
 
     def _evaluated(
         self,
-        asked: Sequence[Sequence[Request]],
-        made: Callable[[int, tuple[Evaluation, ...]], StudyRow],
+        batches: Sequence[Sequence[Request]],
+        make_row: Callable[[int, tuple[Evaluation, ...]], StudyRow],
         study: Study,
         done: list[StudyRow] | None,
     ) -> dict[int, StudyRow]:
         """Evaluate requests into rows by place, each row once it is complete."""
-        owners = [(k, j) for k, requests in enumerate(asked) for j in range(len(requests))]
-        flat = [request for requests in asked for request in requests]
-        parts: dict[int, dict[int, Evaluation]] = {k: {} for k in range(len(asked))}
-        found: dict[int, StudyRow] = {}
+        owners = [(k, j) for k, requests in enumerate(batches) for j in range(len(requests))]
+        flat = [request for requests in batches for request in requests]
+        parts: dict[int, dict[int, Evaluation]] = {k: {} for k in range(len(batches))}
+        rows: dict[int, StudyRow] = {}
         best = min((row for row in done or () if row.is_planned), key=_first(study), default=None)
         for answer in answers(flat, self.run, self.store, self.seen):
             k, j = owners[answer.index]
             parts[k][j] = answer.evaluation
-            self.known += answer.known
-            self.planned += not answer.known
-            if len(parts[k]) < len(asked[k]):
+            self.from_store += answer.from_store
+            self.planned += not answer.from_store
+            if len(parts[k]) < len(batches[k]):
                 continue
-            found[k] = row = made(k, tuple(parts[k][j] for j in range(len(asked[k]))))
+            rows[k] = row = make_row(k, tuple(parts[k][j] for j in range(len(batches[k]))))
             if done is not None:
                 best = min(
                     (r for r in (best, row) if r is not None and r.is_planned),
                     key=_first(study),
                     default=None,
                 )
-                ready = len(done) + len(found)
-                self.tell(Progress(ready, len(done) + len(asked), self.known, best))
-        return found
+                ready = len(done) + len(rows)
+                self.tell(Progress(ready, len(done) + len(batches), self.from_store, best))
+        return rows
 
 
 def _first(study: Study) -> Callable[[StudyRow], float]:

@@ -38,7 +38,7 @@ def test_nearly_collinear_points_are_told_with_what_to_do(problem: Problem) -> N
         assert ("nearly on one line" in text) == warned
         if warned:
             assert "none is more than 50.0 mm (left)" in text
-            assert "touch a point at least 500 mm beside it" in text
+            assert "touch a point at least 500 mm off it" in text
 
 
 def test_a_mirrored_robot_is_told(problem: Problem, spread_points: np.ndarray) -> None:

@@ -226,7 +226,10 @@ def test_an_edited_or_lost_file_beside_the_schedule_is_noticed(copied, capsys, n
     [
         (lambda f: (f / "schedule.json").write_text("{\n1"), "schedule.json:2"),
         (lambda f: (f / "schedule.json").unlink(), "there is no such file"),
-        (lambda f: (f / "robot.urdf").unlink(), "'robot.urdf' beside the schedule: cannot be read"),
+        (
+            lambda f: (f / "robot.urdf").unlink(),
+            "'robot.urdf' in the schedule's folder: cannot be read",
+        ),
         (lambda f: (f / "robot.urdf").write_text("<robot/>"), "robot.urdf"),
         (lambda f: edit(f, lambda d: d.update(duration=float("inf"))), "duration: must be"),
         (lambda f: edit(f, lambda d: d.pop("motion")), "motion: is missing"),

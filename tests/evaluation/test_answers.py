@@ -52,7 +52,11 @@ def test_the_same_request_is_evaluated_once_and_known_ones_come_first(three, tmp
     list(answers([b], again, store))
     found = list(answers([a, b, a], again, Store(tmp_path / "c")))
     assert again.asked == [b.case, a.case]
-    assert [(answer.index, answer.known) for answer in found] == [(1, True), (0, False), (2, False)]
+    assert [(answer.index, answer.from_store) for answer in found] == [
+        (1, True),
+        (0, False),
+        (2, False),
+    ]
 
 
 def test_a_shared_file_that_changes_in_between_is_told(three, tmp_path):

@@ -142,7 +142,7 @@ def test_what_is_done_is_told_before_it_is_given_up(stand_in, monkeypatch):
         return [(0, Evaluation("a", "planned"))]
 
     with Crew(2) as crew:
-        monkeypatch.setattr(crew, "_answered", both)
+        monkeypatch.setattr(crew, "_collect", both)
         run = crew.run(asked("a", "b"))
         assert next(run) == (0, Evaluation("a", "planned"))
         with pytest.raises(WorkersFailedError):

@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.errors import InputError, UsageError
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.robot_import.importing import Imported
-from dualarm_cli.robot_import.structure import GRIPPER, NO_ARM, side_of, tells
+from dualarm_cli.robot_import.structure import GRIPPER, NO_ARM, side_of, word_among
 
 Row = Callable[..., str]
 Write = Callable[..., Path]
@@ -59,7 +59,11 @@ def told(found: Imported) -> str:
 )
 def test_names_are_read_word_by_word(name: str, side: str, part: str, gripper: str) -> None:
     """Names of real robots: NAO, HRP-2, PR2, Panda, YuMi, SDA10F; and words that only contain one of the parts."""
-    assert (side_of(name), tells(name, NO_ARM), tells(name, GRIPPER)) == (side, part, gripper)
+    assert (side_of(name), word_among(name, NO_ARM), word_among(name, GRIPPER)) == (
+        side,
+        part,
+        gripper,
+    )
 
 
 def group(name: str, tip: str) -> str:

@@ -82,6 +82,6 @@ def test_a_range_without_steps_needs_samples_or_a_search(make_study) -> None:
 def test_too_many_points_are_refused_before_they_are_made(make_study) -> None:
     """With their number."""
     study = make_study(a=list(range(1000)), b=list(range(1000)))
-    assert count_points(study) == 1_000_000 > SEARCH.most_points
-    with pytest.raises(UsageError, match="makes 1,000,000 plans; at most 100,000"):
+    assert count_points(study) == 1_000_000 > SEARCH.max_points
+    with pytest.raises(UsageError, match="has 1,000,000 points, at most 100,000"):
         study_points(study)

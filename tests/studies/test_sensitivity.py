@@ -123,7 +123,7 @@ def test_of_samples_the_shares_are_estimates_and_what_does_nothing_has_about_non
     assert _of(found, "b").share == pytest.approx(0.2 * 15 / 16, abs=0.1)
     assert _of(found, "c").share == pytest.approx(0.0, abs=0.05)
     assert _of(found, "a").slope == pytest.approx(2 / np.sqrt(5), abs=0.07)
-    assert "shares are estimates, as the plans do not fill the grid" in found.notes
+    assert "shares are estimates, because the plans do not fill the grid" in found.notes
     assert "a linear fit explains 100%: slopes are more reliable than shares" in found.notes
 
 
@@ -146,7 +146,7 @@ def test_few_plans_are_said_to_be_few() -> None:
     one = sensitivity([numeric_factor("p", [1.0], [1.0, 2.0])], np.array([3.0]), True)
     assert one.notes == ("no sensitivity: fewer than two plans",)
     same = sensitivity([numeric_factor("p", [1.0, 2.0], [1.0, 2.0])], np.array([3.0, 3.0]), True)
-    assert same.notes == ("no sensitivity: it is the same in all plans",)
+    assert same.notes == ("no sensitivity: the objective is constant",)
     near = [numeric_factor("p", [1.0, 2.0], [1.0, 2.0])], np.array([0.02, 0.02003])
     assert sensitivity(*near, True, step=1e-4).notes == same.notes
     assert sensitivity(*near, True, step=1e-5).influences[0].share == pytest.approx(1.0)
@@ -178,7 +178,7 @@ def test_values_without_any_plan_leave_a_smaller_grid() -> None:
     found = sensitivity(factors, points @ [3.0, 4.0], True)
     assert found.is_grid
     assert _of(found, "q").share == pytest.approx(16 / 25)
-    assert "values at which nothing has a plan are left out" in found.notes
+    assert "values without any plan are left out" in found.notes
     broken = sensitivity(
         [numeric_factor("p", points[:3, 0], [0, 1]), numeric_factor("q", points[:3, 1], [0, 1])],
         points[:3] @ [3.0, 4.0],

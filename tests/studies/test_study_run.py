@@ -85,21 +85,21 @@ def test_nothing_is_evaluated_twice(make_study, counting, store, tmp_path, monke
     files.run.stop_after = None
     desk = Desk(files.run, store)
     rows = desk.rows(study, points)
-    assert (desk.known, desk.planned) == (4, 5)
+    assert (desk.from_store, desk.planned) == (4, 5)
     asked = [tuple(sorted(values.items())) for values in files.run.asked]
     assert len(asked) == len(set(asked)) == 9
     again = Desk(files.run, store)
     assert again.rows(study, points) == rows
-    assert (again.known, again.planned) == (9, 0)
+    assert (again.from_store, again.planned) == (9, 0)
     longer = make_study(a=[0, 1, 2, 3], b=[0, 1, 3])
     more = Desk(files.run, store)
     more.rows(longer, study_points(longer))
-    assert (more.known, more.planned) == (9, 3)
+    assert (more.from_store, more.planned) == (9, 3)
     # Another content of the file is another job.
     files.path.write_text("dualarm: tasks/1 # changed\n")
     other = Desk(files.run, Store(store.folder))
     other.rows(study, points)
-    assert (other.known, other.planned) == (0, 9)
+    assert (other.from_store, other.planned) == (0, 9)
 
 
 def test_the_files_as_they_are_are_planned_without_replacements(make_study, counting, desk) -> None:
