@@ -477,5 +477,5 @@ def word_among(name: str, parts: Iterable[str]) -> str:
 
 
 def count_of(number: int, singular: str, plural: str = "") -> str:
-    """Format a count with its noun, such as `1 pair` or `3 pairs`."""
+    """Format a count with its singular or plural, such as `1 pair` or `3 pairs`."""
     return f"{number} {singular if number == 1 else plural or f'{singular}s'}"
