@@ -110,7 +110,7 @@ def solids(model: pin.Model, cell: Cell, hulls: DrawnHulls) -> list[dict[str, An
         about["arm"] = side.get(model.names[frame.parentJoint], "")
         rows += [about | drawn(shape, frame.placement, hulls) for shape in shapes]
     for arm, tool in cell.tools.items():
-        frame = _flange(model, robot, arm)
+        frame = flange(model, robot, arm)
         about = {"body": frame.parentJoint, "name": f"{arm}_tool", "role": "tool", "arm": arm}
         rows += [about | drawn(shape, frame.placement, hulls) for shape in tool.shapes]
     for obstacle in cell.obstacles:
@@ -121,11 +121,12 @@ def solids(model: pin.Model, cell: Cell, hulls: DrawnHulls) -> list[dict[str, An
 
 def tcp(model: pin.Model, cell: Cell, arm: str) -> tuple[int, pin.SE3]:
     """Locate an arm's flange-mounted tool centre point: body number and pose in that body's frame."""
-    frame = _flange(model, cell.robot, arm)
+    frame = flange(model, cell.robot, arm)
     return frame.parentJoint, frame.placement * cell.tools[arm].tcp
 
 
-def _flange(model: pin.Model, robot: Robot, arm: str) -> Any:
+def flange(model: pin.Model, robot: Robot, arm: str) -> Any:
+    """Look up the frame of an arm's flange in the robot's model."""
     return model.frames[model.getFrameId(robot.arm(arm).flange, pin.FrameType.BODY)]
 
 

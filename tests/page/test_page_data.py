@@ -102,6 +102,8 @@ def test_tools_are_where_pinocchio_has_them(shown) -> None:
             expected = (shown.schedule.robot.base * flange * arm.tcp).homogeneous
             row = shown.data["tcps"][name]
             assert np.abs(poses[row["body"]] @ matrix(row) - expected).max() < 1e-9
+            drawn = poses[row["body"]] @ matrix(shown.data["flanges"][name])
+            assert np.abs(drawn @ arm.tcp.homogeneous - expected).max() < 1e-9
 
 
 def test_things_do_not_jump_when_they_change_hands(shown) -> None:

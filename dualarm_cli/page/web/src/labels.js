@@ -1,4 +1,4 @@
-// Task ids shortened to the available width.
+// Task ids shortened to the available width, and names of joints with their numbers.
 
 /**
  * Compute the length of the common prefix of all ids up to a separator; what remains stays unique.
@@ -69,4 +69,16 @@ export function commonLevel(labels, width) {
     if (fit.length >= 0.75 * labels.length) return level;
   }
   return levels;
+}
+
+/**
+ * Name a joint with its number in its arm, unless the maker's name ends in that number.
+ * @param {{name: string, group: string}[]} joints
+ * @param {string} name
+ */
+export function jointLabel(joints, name) {
+  const { group } = joints.find((joint) => joint.name === name) ?? {};
+  const number = joints.filter((joint) => joint.group === group).findIndex((joint) => joint.name === name) + 1;
+  if (number === 0 || group === "platform" || new RegExp(`(^|\\D)${number}$`).test(name)) return name;
+  return `${name} (${number})`;
 }

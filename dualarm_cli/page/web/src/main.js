@@ -36,7 +36,8 @@ function start(root) {
   const stage = element("div", { class: "stage" });
   const nearest = element("div", { class: "nearest" }, ...plan.clearances.map((clearance) => element("div", { class: clearanceColour(clearance) })));
   const viewBar = element("div", { class: "view-bar" });
-  const viewer = element("section", { class: "viewer", "aria-label": "3-D view" }, stage, transport.status, nearest, viewBar);
+  const drawn = element("small", { class: "drawn" }, "Robot, grippers, trays and stands are drawings. Collisions are checked with the shapes under ‘checked’.");
+  const viewer = element("section", { class: "viewer", "aria-label": "3-D view" }, stage, transport.status, nearest, drawn, viewBar);
 
   const theme = themes(() => {
     timeline.recolour();
@@ -124,9 +125,10 @@ function viewButtons(scene, plan) {
     button("front", "From the front", from(1, 0, 0.12)),
     button("side", "From the side", from(0, -1, 0.12)),
     toggle("traces", "Paths of the tools", true, (on) => scene.show("traces", on)),
-    toggle("frames", "Frames of the tools", true, (on) => scene.show("frames", on)),
+    toggle("frames", "Frames of the tools", false, (on) => scene.show("frames", on)),
     toggle("closest", "Closest pairs", true, (on) => scene.show("pair", on)),
     toggle("skeleton", "Joints and links as a skeleton", false, (on) => scene.show("skeleton", on)),
+    toggle("checked", "The shapes that collisions are checked with, in place of the drawings", false, (on) => scene.show("checked", on)),
     button("picture", "Save this view as a picture (PNG)", () => save(scene.picture(), `${plan.title}.png`)),
   ];
 }
@@ -137,18 +139,29 @@ function save(url, name) {
 }
 
 /**
- * Show the name of the object under the pointer.
+ * Show the name of the object under the pointer beside it.
  * @param {Scene} scene
  * @param {HTMLElement} stage
  */
 function nameSolids(scene, stage) {
+  const hint = element("div", { class: "hint", hidden: true });
+  stage.append(hint);
   let timer = 0;
   stage.addEventListener("pointermove", (event) => {
     clearTimeout(timer);
+    hint.hidden = true;
     const box = stage.getBoundingClientRect();
+    const [x, y] = [event.clientX - box.left, event.clientY - box.top];
     timer = window.setTimeout(() => {
-      if (event.buttons === 0) stage.title = scene.nameAt(event.clientX - box.left, event.clientY - box.top);
-    }, 120);
+      hint.textContent = event.buttons === 0 ? scene.nameAt(x, y) : "";
+      hint.hidden = hint.textContent === "";
+      hint.style.left = `${Math.min(x + 14, box.width - hint.offsetWidth - 8)}px`;
+      hint.style.top = `${y + 14}px`;
+    }, 80);
+  });
+  stage.addEventListener("pointerleave", () => {
+    clearTimeout(timer);
+    hint.hidden = true;
   });
 }
 

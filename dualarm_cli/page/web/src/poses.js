@@ -64,6 +64,12 @@ export function compose(outer, inner) {
   return { xyz: transform(outer, inner.xyz), quat: product(outer.quat, inner.quat) };
 }
 
+/** Compute the inverse of a pose. @param {Pose} pose @returns {Pose} */
+export function inverse({ xyz, quat: [x, y, z, w] }) {
+  const quat = /** @type {Quaternion} */ ([-x, -y, -z, w]);
+  return { xyz: rotate(quat, [-xyz[0], -xyz[1], -xyz[2]]), quat };
+}
+
 /**
  * Compute the quaternion of a rotation about a unit axis.
  * @param {Vector} axis

@@ -3,6 +3,8 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { clearanceColour } from "./clearance.js";
+import { Fixtures, seamParts } from "./fixtures.js";
+import { Machine } from "./machine.js";
 import { Belt, ClosestPair, Skeleton, traces } from "./scene_parts.js";
 import { Things } from "./scene_things.js";
 import { Materials, meshOf, place } from "./shapes.js";
@@ -27,6 +29,9 @@ const LARGE = 3;
 const POSTURES = 60;
 /** Fraction of the view that the cell fills. */
 const FILLED = 0.9;
+/** Layer of the objects that cast shadows, and smallest area that shows them [m²]. */
+const CASTS = 1;
+const SHADED = 0.1;
 /** Maximum number of pixels of a still frame. */
 const MAX_PIXELS = 8e6;
 /** Time without motion after which a still frame is drawn at full resolution [ms]. */
@@ -72,6 +77,14 @@ export class Scene {
     });
     this.things = new Things(plan, materials);
     this.add(this.things.meshes);
+    this.machine = new Machine(plan, materials);
+    this.fixtures = new Fixtures(plan, materials);
+    this.drawings = [...this.machine.pieces, ...seamParts(plan, materials)].map(({ body, mesh }) => {
+      this.frames[body].add(mesh);
+      return mesh;
+    });
+    this.drawings.push(/** @type {any} */ (this.fixtures.group));
+    this.world.add(this.fixtures.group);
     this.belts = plan.conveyors.map((conveyor) => new Belt(conveyor, materials));
     this.skeleton = new Skeleton(plan, materials);
     this.traces = traces(plan, materials);
@@ -83,14 +96,49 @@ export class Scene {
     this.add(this.pairs.map((pair) => pair.group));
     const floor = new THREE.GridHelper(8, 32, 0xffffff, 0xffffff).rotateX(Math.PI / 2);
     floor.material = materials.line("floor");
-    floor.position.z = -0.001;
+    floor.position.z = this.fixtures.floor - 0.001;
     this.world.add(floor);
     this.floor = floor;
     this.size = 1;
     this.setTime(0);
     this.setSize();
+    for (const object of [...this.frames, ...this.things.meshes, ...this.meshes, this.fixtures.group]) {
+      object.traverse((part) => part.layers.enable(CASTS));
+    }
+    this.shadows = this.makeShadows();
+    this.show("checked", false);
+    this.show("frames", false);
     this.fitted = false;
     new ResizeObserver(() => this.resize()).observe(container);
+  }
+
+  /** Create a material of shadows for the floor and for each large level top of an obstacle. */
+  makeShadows() {
+    const { materials, fixtures } = this;
+    const reach = 1.5 * this.size;
+    const tops = fixtures.obstacles.flatMap(({ solid, box }) => {
+      const size = box.getSize(new THREE.Vector3());
+      const isLevel = solid.kind === "box" && size.toArray().every((side, k) => Math.abs(side - solid.size[k]) < 1e-6);
+      if (!isLevel || size.x * size.y < SHADED) return [];
+      return materials.shadow("obstacle-shadow", box.max.z, [box.min.x, box.min.y, box.max.x, box.max.y]);
+    });
+    return [materials.shadow("view-shadow", fixtures.floor, [-reach, -reach, reach, reach]), ...tops];
+  }
+
+  /** Draw the world, and its shadows over it. @param {boolean} [plain] without shadows */
+  draw(plain = false) {
+    const { renderer, world, camera } = this;
+    renderer.autoClear = true;
+    renderer.render(world, camera);
+    if (plain) return;
+    renderer.autoClear = false;
+    camera.layers.set(CASTS);
+    for (const shadow of this.shadows) {
+      world.overrideMaterial = shadow;
+      renderer.render(world, camera);
+    }
+    world.overrideMaterial = null;
+    camera.layers.set(0);
   }
 
   /** Add objects to the world. @param {THREE.Object3D[]} objects */
@@ -103,12 +151,12 @@ export class Scene {
     if (solid.kind === "half_space") return this.materials.solid("ground");
     if (solid.role === "obstacle") return this.materials.solid("obstacle");
     if (solid.role === "tool") return this.materials.solid("tool-solid");
-    return this.materials.solid(solid.arm ? `${solid.arm}-arm` : "link");
+    return this.materials.solid(solid.arm ? `${solid.arm}-arm` : "base");
   }
 
   /** @param {(name: string) => string} colour */
   recolour(colour) {
-    this.world.background = new THREE.Color(colour("view"));
+    this.renderer.setClearColor(new THREE.Color(colour("view")));
     this.materials.recolour(colour);
     this.request();
   }
@@ -120,6 +168,7 @@ export class Scene {
     const poses = this.poses;
     this.frames.forEach((frame, i) => place(frame, poses[i]));
     this.things.setTime(time, poses);
+    this.machine.setTime(time);
     for (const belt of this.belts) belt.setTime(time);
     for (const trace of this.traces) trace.setTime(time);
     this.skeleton.setPoses(poses);
@@ -133,7 +182,7 @@ export class Scene {
 
   /**
    * Show or hide a visual aid.
-   * @param {"traces" | "frames" | "skeleton" | "pair"} name
+   * @param {"traces" | "frames" | "skeleton" | "pair" | "checked"} name checked: the shapes that collisions are checked with
    * @param {boolean} on
    */
   show(name, on) {
@@ -141,6 +190,10 @@ export class Scene {
     if (name === "frames") for (const tip of this.tips) tip.visible = on;
     if (name === "skeleton") this.skeleton.setVisible(on);
     if (name === "pair") for (const pair of this.pairs) pair.group.visible = on;
+    if (name === "checked") {
+      for (const drawing of this.drawings) drawing.visible = !on;
+      this.meshes.forEach((mesh, i) => (mesh.visible = on || this.plan.solids[i].role === "obstacle"));
+    }
     this.setTime(this.time);
   }
 
@@ -167,17 +220,17 @@ export class Scene {
       if (this.slow >= 3) this.moving = COARSE_RATIO;
       this.setRatio(this.moving);
     }
-    this.renderer.render(this.world, this.camera);
+    this.draw(this.moving < FIRST_RATIO);
     clearTimeout(this.finer);
     this.finer = setTimeout(() => {
       this.setRatio(this.fine());
-      this.renderer.render(this.world, this.camera);
+      this.draw();
     }, STILL);
   }
 
   /** Render the current view for paper; return it as a data URL. */
   picture() {
-    this.renderer.render(this.world, this.camera);
+    this.draw();
     return this.renderer.domElement.toDataURL();
   }
 
@@ -214,7 +267,10 @@ export class Scene {
       const positions = positionsAt(this.plan.joints, (this.plan.duration * i) / POSTURES);
       for (const pose of forwardKinematics(this.plan.bodies, positions)) points.push(new THREE.Vector3(...pose.xyz));
     }
-    for (const mesh of this.meshes) {
+    /** @type {THREE.Mesh[]} */
+    const fixtures = [];
+    this.fixtures.group.traverse((part) => part instanceof THREE.Mesh && part.material !== this.materials.solid("frame") && fixtures.push(part));
+    for (const mesh of [...this.meshes, ...fixtures]) {
       mesh.geometry.computeBoundingBox();
       const box = /** @type {THREE.Box3} */ (mesh.geometry.boundingBox);
       if (box.getSize(new THREE.Vector3()).length() > LARGE) continue;
@@ -246,10 +302,23 @@ export class Scene {
     const tall = Math.tan((this.camera.fov * Math.PI) / 360) * FILLED;
     const wide = tall * this.camera.aspect;
     let distance = 0;
-    for (const point of points) {
-      const from = point.clone().sub(centre);
-      const across = Math.max(Math.abs(from.dot(right)) / wide, Math.abs(from.dot(up)) / tall);
-      distance = Math.max(distance, across + from.dot(toCamera));
+    for (let round = 0; round < 4; round++) {
+      const [x, y] = [[Infinity, -Infinity], [Infinity, -Infinity]];
+      distance = 0;
+      const from = points.map((point) => point.clone().sub(centre));
+      for (const point of from) {
+        const across = Math.max(Math.abs(point.dot(right)) / wide, Math.abs(point.dot(up)) / tall);
+        distance = Math.max(distance, across + point.dot(toCamera));
+      }
+      // Perspective draws near points larger: the middle of the picture is not that of the cell.
+      for (const point of from) {
+        const depth = distance - point.dot(toCamera);
+        for (const [axis, ends] of /** @type {const} */ ([[right, x], [up, y]])) {
+          const seen = point.dot(axis) / depth;
+          [ends[0], ends[1]] = [Math.min(ends[0], seen), Math.max(ends[1], seen)];
+        }
+      }
+      centre.addScaledVector(right, (distance * (x[0] + x[1])) / 2).addScaledVector(up, (distance * (y[0] + y[1])) / 2);
     }
     this.controls.target.copy(centre);
     this.camera.position.copy(centre).addScaledVector(toCamera, distance);
@@ -267,9 +336,14 @@ export class Scene {
     const caster = new THREE.Raycaster();
     caster.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.camera);
     const hits = caster.intersectObjects([...this.world.children], true);
-    const names = hits.map((hit) => this.things.nameOf(hit) || hit.object.name);
+    const names = hits.filter(({ object }) => isShown(object)).map((hit) => this.things.nameOf(hit) || hit.object.name);
     return names.find((name) => name !== "") ?? "";
   }
+}
+
+/** Whether an object and all that hold it are visible. @param {THREE.Object3D | null} object @returns {boolean} */
+function isShown(object) {
+  return object === null || (object.visible && isShown(object.parent));
 }
 
 /** Return the corners of a box. @param {THREE.Box3} box @returns {THREE.Vector3[]} */

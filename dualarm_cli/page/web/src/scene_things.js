@@ -2,6 +2,7 @@
 
 import * as THREE from "three";
 import { compose, thingPose } from "./poses.js";
+import { block } from "./outlines.js";
 import { geometryOf } from "./shapes.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
@@ -14,6 +15,11 @@ const SIDE = 0.03;
 
 /** @type {Solid} */
 const UNKNOWN = { kind: "box", size: [SIDE, SIDE, SIDE], hull: null, xyz: [0, 0, 0], quat: [0, 0, 0, 1] };
+
+/** Create the geometry of a thing's solid; boxes have rounded edges. @param {Solid} solid @param {import("./types.js").Hull[]} hulls */
+function outlineOf(solid, hulls) {
+  return solid.kind === "box" ? block(solid.size[0], solid.size[1], solid.size[2], 0.006) : geometryOf(solid, hulls);
+}
 
 const HIDDEN = new THREE.Matrix4().makeScale(0, 0, 0);
 const ONE = new THREE.Vector3(1, 1, 1);
@@ -37,7 +43,7 @@ export class Things {
     }
     this.kinds = [...byShape.values()].map(({ solid, role, things }) => {
       const material = materials.solid(role === "part" ? "part" : "tool-solid");
-      const mesh = new THREE.InstancedMesh(geometryOf(solid, plan.hulls), material, things.length);
+      const mesh = new THREE.InstancedMesh(outlineOf(solid, plan.hulls), material, things.length);
       mesh.frustumCulled = false;
       return { solid, things, mesh };
     });

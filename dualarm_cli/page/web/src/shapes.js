@@ -45,23 +45,55 @@ export function place(object, { xyz, quat }) {
   object.quaternion.set(quat[0], quat[1], quat[2], quat[3]);
 }
 
-// Light from above and from one side, computed per vertex: fast without a graphics card and quick to compile.
-// Colours are those of the style sheet, without conversion.
-const VERTEX = `
-varying float light;
-void main() {
+// Light from the sky and from one side with a soft gloss. Colours are those of the style sheet, without conversion.
+const SUN = "vec3(0.35, -0.42, 0.84)";
+const PLACED = `
   mat4 placed = modelMatrix;
 #ifdef USE_INSTANCING
   placed = modelMatrix * instanceMatrix;
 #endif
-  vec3 n = normalize(mat3(placed) * normal);
-  light = 0.70 + 0.14 * n.z + 0.26 * max(dot(n, vec3(0.32, -0.49, 0.81)), 0.0);
-  gl_Position = projectionMatrix * viewMatrix * placed * vec4(position, 1.0);
+  vec4 at = placed * vec4(position, 1.0);`;
+const VERTEX = `
+varying vec3 turned;
+varying vec3 eye;
+void main() {${PLACED}
+  turned = mat3(placed) * normal;
+  eye = cameraPosition - at.xyz;
+  gl_Position = projectionMatrix * viewMatrix * at;
 }`;
 const FRAGMENT = `
 uniform vec3 colour;
-varying float light;
-void main() { gl_FragColor = vec4(colour * light, 1.0); }`;
+varying vec3 turned;
+varying vec3 eye;
+void main() {
+  vec3 n = normalize(turned);
+  vec3 e = normalize(eye);
+  if (dot(n, e) < 0.0) n = -n;
+  float rim = smoothstep(0.0, 0.55, abs(dot(n, e)));
+  float light = (0.62 + 0.16 * n.z + 0.30 * max(dot(n, ${SUN}), 0.0)) * (0.80 + 0.20 * rim);
+  float gloss = pow(max(dot(n, normalize(e + ${SUN})), 0.0), 32.0);
+  gl_FragColor = vec4(colour * light + 0.10 * gloss, 1.0);
+}`;
+// A shadow is the object pressed along the light onto a level of the world, and cut at the edges of what it falls on.
+const SHADOW_VERTEX = `
+uniform float level;
+varying vec2 where;
+varying float above;
+void main() {${PLACED}
+  above = at.z - level;
+  at.xyz -= ${SUN} * (above / ${SUN}.z);
+  where = at.xy;
+  gl_Position = projectionMatrix * viewMatrix * at;
+}`;
+const SHADOW_FRAGMENT = `
+uniform vec3 colour;
+uniform vec4 edges;
+varying vec2 where;
+varying float above;
+void main() {
+  if (above < 0.0 || where.x < edges.x || where.y < edges.y || where.x > edges.z || where.y > edges.w) discard;
+  gl_FragColor = vec4(colour, 1.0);
+}`;
 
 /** Materials by the name of their colour in the style sheet, which changes with the theme. */
 export class Materials {
@@ -70,6 +102,22 @@ export class Materials {
     this.solids = new Map();
     /** @type {Map<string, THREE.LineBasicMaterial>} */
     this.lines = new Map();
+    /** @type {{name: string, material: THREE.ShaderMaterial}[]} */
+    this.shadows = [];
+  }
+
+  /**
+   * Create the material of shadows on a level surface.
+   * @param {string} name of its colour
+   * @param {number} level height of the surface [m]
+   * @param {[number, number, number, number]} edges least x and y, greatest x and y [m]
+   */
+  shadow(name, level, edges) {
+    const uniforms = { colour: { value: new THREE.Color() }, level: { value: level }, edges: { value: new THREE.Vector4(...edges) } };
+    const bias = { polygonOffset: true, polygonOffsetFactor: -1, polygonOffsetUnits: -4 };
+    const material = new THREE.ShaderMaterial({ uniforms, vertexShader: SHADOW_VERTEX, fragmentShader: SHADOW_FRAGMENT, side: THREE.DoubleSide, ...bias });
+    this.shadows.push({ name, material });
+    return material;
   }
 
   /** @param {string} name @returns {THREE.ShaderMaterial} */
@@ -88,7 +136,7 @@ export class Materials {
 
   /** @param {(name: string) => string} colour */
   recolour(colour) {
-    for (const [name, material] of this.solids) {
+    for (const [name, material] of [...this.solids, ...this.shadows.map((shadow) => /** @type {const} */ ([shadow.name, shadow.material]))]) {
       material.uniforms.colour.value.setStyle(colour(name), THREE.LinearSRGBColorSpace);
     }
     for (const [name, material] of this.lines) material.color.set(colour(name));

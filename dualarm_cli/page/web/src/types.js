@@ -97,6 +97,8 @@
  * @property {Solid[]} solids
  * @property {Hull[]} hulls
  * @property {Object<string, {body: number} & Pose>} tcps
+ * @property {Object<string, Pose>} flanges in the bodies of the tool centre points
+ * @property {Object<string, Pose>} frames of the cell, in the world
  * @property {Thing[]} things
  * @property {Conveyor[]} conveyors
  * @property {Segment[]} segments

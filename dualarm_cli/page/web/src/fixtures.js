@@ -1,0 +1,210 @@
+// Drawn surroundings that a cell file does not have: trays and cartons, legs of tables, foot plates, the part of a seam.
+
+import * as THREE from "three";
+import { block, drum, ribbon } from "./outlines.js";
+import { IDENTITY, WORLD, compose, forwardKinematics, inverse } from "./poses.js";
+import { geometryOf, place } from "./shapes.js";
+import { positionsAt } from "./trajectory.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+/** @typedef {import("./types.js").Pose} Pose */
+/** @typedef {import("./shapes.js").Materials} Materials */
+
+/** Half the side of a part without a shape [m]. */
+const HALF = 0.015;
+/** Room around the parts of a tray, thickness of its plate and walls, and least height of its rim [m]. */
+const AROUND = 0.022;
+const PLATE = 0.006;
+const RIM = 0.01;
+/** Largest distance of a part from the frame of its tray [m]. */
+const FAR = 0.5;
+/** Smallest area of a board with legs [m²], its largest thickness and its least height above the floor [m]. */
+const BOARD = 0.15;
+const THICK = 0.12;
+const RAISED = 0.25;
+
+/**
+ * Compute the bounds of parts in a frame.
+ * @param {import("./types.js").Thing} thing
+ * @param {Pose} pose of the thing in that frame
+ * @param {Plan} plan
+ */
+function boundsIn(thing, pose, plan) {
+  const box = new THREE.Box3();
+  if (thing.solids.length === 0) {
+    const half = new THREE.Vector3(HALF, HALF, HALF);
+    return box.setFromCenterAndSize(new THREE.Vector3(...pose.xyz), half.multiplyScalar(2));
+  }
+  for (const solid of thing.solids) {
+    const { xyz, quat } = compose(pose, solid);
+    const geometry = geometryOf(solid, plan.hulls).applyQuaternion(new THREE.Quaternion(...quat)).translate(...xyz);
+    geometry.computeBoundingBox();
+    box.union(/** @type {THREE.Box3} */ (geometry.boundingBox));
+  }
+  return box;
+}
+
+/**
+ * Find the parts that wait or lie at each frame, or at a place of their own, as bounds in the frame.
+ * @param {Plan} plan
+ * @returns {{name: string, frame: Pose, boxes: THREE.Box3[], isFilled: boolean}[]} isFilled: parts are placed there
+ */
+export function loads(plan) {
+  const frames = Object.entries(plan.frames).map(([name, frame]) => ({ name, frame, boxes: /** @type {THREE.Box3[]} */ ([]), isFilled: false }));
+  for (const thing of plan.things.filter(({ role }) => role === "part")) {
+    thing.keyframes.forEach((keyframe, i) => {
+      if (keyframe.body !== WORLD || Math.hypot(...keyframe.velocity) > 0) return;
+      const distance = (/** @type {{frame: Pose}} */ { frame }) => Math.hypot(...frame.xyz.map((x, k) => x - keyframe.xyz[k]));
+      const [nearest] = [...frames].sort((a, b) => distance(a) - distance(b));
+      const isNear = nearest && distance(nearest) < FAR;
+      const load = isNear ? nearest : { name: `place of ${thing.name}`, frame: { ...IDENTITY, xyz: keyframe.xyz }, boxes: [], isFilled: false };
+      if (!isNear) frames.push(load);
+      load.boxes.push(boundsIn(thing, compose(inverse(load.frame), keyframe), plan));
+      if (i > 0) load.isFilled = true;
+    });
+  }
+  return frames.filter(({ frame, boxes }) => boxes.length > 0 && 1 - 2 * (frame.quat[0] ** 2 + frame.quat[1] ** 2) > 0.98);
+}
+
+/** Drawings around the robot. */
+export class Fixtures {
+  /**
+   * @param {Plan} plan
+   * @param {Materials} materials
+   */
+  constructor(plan, materials) {
+    this.plan = plan;
+    this.materials = materials;
+    this.group = new THREE.Group();
+    /** Obstacles as bounds in the world. */
+    this.obstacles = plan.solids.filter((solid) => solid.role === "obstacle" && solid.kind !== "half_space").map((solid) => {
+      const mesh = new THREE.Mesh(geometryOf(solid, plan.hulls));
+      place(mesh, solid);
+      mesh.updateMatrixWorld(true);
+      return { solid, box: new THREE.Box3().setFromObject(mesh, true) };
+    });
+    const root = plan.bodies[0];
+    this.feet = plan.solids.filter((solid) => solid.role === "link" && solid.body === 0).map((solid) => {
+      const mesh = new THREE.Mesh(geometryOf(solid, plan.hulls));
+      place(mesh, compose(root, solid));
+      mesh.updateMatrixWorld(true);
+      return new THREE.Box3().setFromObject(mesh, true);
+    });
+    const lowest = [...this.obstacles.map(({ box }) => box.min.z), ...this.feet.map((box) => box.min.z)];
+    /** Height of the floor [m]: the lowest body, but not above zero. */
+    this.floor = Math.min(0, ...lowest);
+    for (const load of loads(plan)) this.drawTray(load);
+    for (const obstacle of this.obstacles) this.drawLegs(obstacle);
+    this.drawFeet();
+  }
+
+  /**
+   * @param {THREE.BufferGeometry} geometry
+   * @param {string} colour
+   * @param {string} name
+   * @param {[number, number, number]} at
+   * @param {THREE.Object3D} [parent]
+   */
+  add(geometry, colour, name, at, parent = this.group) {
+    const mesh = new THREE.Mesh(geometry, this.materials.solid(colour));
+    mesh.position.set(...at);
+    mesh.name = `${name}: drawn, not checked`;
+    parent.add(mesh);
+  }
+
+  /** Draw a tray, or a carton where parts are placed, and what it stands on. @param {ReturnType<typeof loads>[number]} load */
+  drawTray({ name, frame, boxes, isFilled }) {
+    const all = boxes.reduce((union, box) => union.union(box), new THREE.Box3());
+    const { min, max } = all;
+    const tray = new THREE.Group();
+    place(tray, frame);
+    tray.updateMatrixWorld(true);
+    const footprint = all.clone().expandByVector(new THREE.Vector3(AROUND, AROUND, 0)).applyMatrix4(tray.matrixWorld);
+    const overlapping = this.obstacles.filter(({ box }) => box.max.x > footprint.min.x && box.min.x < footprint.max.x && box.max.y > footprint.min.y && box.min.y < footprint.max.y);
+    const below = overlapping.filter(({ box }) => box.max.z <= footprint.min.z + 0.002).map(({ box }) => box.max.z);
+    const gap = footprint.min.z - Math.max(this.floor, ...below);
+    // A cell with a modelled bin, or whose parts lie on an obstacle, needs no tray.
+    const isModelled = overlapping.some(({ box }) => box.max.z > footprint.min.z + 0.002 && box.min.z < footprint.max.z);
+    if (isModelled || gap < PLATE) return;
+    const [x, y] = [(min.x + max.x) / 2, (min.y + max.y) / 2];
+    const [wide, deep] = [max.x - min.x + 2 * AROUND, max.y - min.y + 2 * AROUND];
+    const colour = isFilled ? "carton" : "tray";
+    const rim = isFilled ? Math.max(0.85 * (max.z - min.z), RIM) : Math.max(0.35 * (max.z - min.z), RIM);
+    this.add(block(wide, deep, PLATE, 0.002), colour, name, [x, y, min.z - PLATE / 2], tray);
+    const tall = rim + PLATE;
+    const middle = min.z - PLATE + tall / 2;
+    for (const side of [-1, 1]) {
+      this.add(block(wide, PLATE, tall, 0.002), colour, name, [x, y + (side * (deep - PLATE)) / 2, middle], tray);
+      this.add(block(PLATE, deep, tall, 0.002), colour, name, [x + (side * (wide - PLATE)) / 2, y, middle], tray);
+    }
+    const stand = gap - PLATE;
+    const top = min.z - PLATE;
+    const label = `stand of ${name}`;
+    if (stand > RAISED) {
+      this.add(drum(0.03, stand), "frame", label, [x, y, top - stand / 2], tray);
+      this.add(drum(Math.min(0.16, 0.5 * Math.max(wide, deep)), 0.02), "frame", label, [x, y, top - stand + 0.01], tray);
+    } else if (stand > 0.002) {
+      this.add(block(0.86 * wide, 0.86 * deep, stand, 0.004), "frame", label, [x, y, top - stand / 2], tray);
+    }
+    this.group.add(tray);
+  }
+
+  /** Draw the legs of a board in the air. @param {{solid: import("./types.js").Solid, box: THREE.Box3}} obstacle */
+  drawLegs({ solid, box }) {
+    const [wide, deep, thick] = solid.size;
+    const height = box.min.z - this.floor;
+    const isFlat = 1 - 2 * (solid.quat[0] ** 2 + solid.quat[1] ** 2) > 0.999;
+    if (solid.kind !== "box" || !isFlat || wide * deep < BOARD || thick > THICK || height < RAISED) return;
+    const legs = new THREE.Group();
+    place(legs, solid);
+    const side = 0.05;
+    for (const x of [-1, 1]) {
+      for (const y of [-1, 1]) {
+        const at = /** @type {[number, number, number]} */ ([x * (wide / 2 - side), y * (deep / 2 - side), -thick / 2 - height / 2]);
+        this.add(block(side, side, height, 0.006), "frame", `leg of ${solid.name}`, at, legs);
+      }
+      this.add(block(0.03, deep - 2 * side, 0.05, 0.004), "frame", `leg of ${solid.name}`, [x * (wide / 2 - side), 0, -thick / 2 - 0.03], legs);
+      this.add(block(wide - 2 * side, 0.03, 0.05, 0.004), "frame", `leg of ${solid.name}`, [0, x * (deep / 2 - side), -thick / 2 - 0.03], legs);
+    }
+    this.group.add(legs);
+  }
+
+  /** Draw a foot plate below each part of the robot that stands, and a column down to the floor. */
+  drawFeet() {
+    for (const box of this.feet) {
+      const size = box.getSize(new THREE.Vector3());
+      const centre = box.getCenter(new THREE.Vector3());
+      if (this.feet.some((foot) => foot !== box && foot.min.z < box.min.z - 0.01 && foot.containsPoint(centre.clone().setZ(foot.min.z)))) continue;
+      const height = box.min.z - this.floor;
+      if (height > 0.01) this.add(block(0.8 * size.x, 0.8 * size.y, height, 0.01), "frame", "pedestal", [centre.x, centre.y, this.floor + height / 2]);
+      this.add(block(1.3 * size.x, 1.3 * size.y, 0.014, 0.005), "frame", "foot plate", [centre.x, centre.y, this.floor + 0.007]);
+    }
+  }
+}
+
+/** Samples of a seam. */
+const SAMPLES = 60;
+
+/**
+ * Draw what the master of each seam holds: a surface from the seam back to its tool.
+ * @param {Plan} plan
+ * @param {Materials} materials
+ * @returns {{body: number, mesh: THREE.Mesh}[]}
+ */
+export function seamParts(plan, materials) {
+  return (plan.report.seams ?? []).flatMap((/** @type {any} */ seam) => {
+    const segment = plan.segments.find(({ kind, task }) => kind === "seam" && task === seam.task);
+    const [master, slave] = [plan.tcps[seam.master], plan.tcps[seam.slave]];
+    if (!segment || !master || !slave) return [];
+    const curve = Array.from({ length: SAMPLES + 1 }, (_, i) => {
+      const time = segment.start + ((segment.end - segment.start) * i) / SAMPLES;
+      const poses = forwardKinematics(plan.bodies, positionsAt(plan.joints, time));
+      return new THREE.Vector3(...compose(inverse(poses[master.body]), compose(poses[slave.body], slave)).xyz);
+    });
+    const middle = curve.reduce((sum, point) => sum.add(point), new THREE.Vector3()).divideScalar(curve.length);
+    const back = new THREE.Vector3(...master.xyz).sub(middle);
+    const mesh = new THREE.Mesh(ribbon(curve, curve.map((point) => point.clone().add(back))), materials.solid("part"));
+    mesh.name = `part of ${seam.task}: drawn, not checked`;
+    return [{ body: master.body, mesh }];
+  });
+}

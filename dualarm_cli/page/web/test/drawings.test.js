@@ -1,0 +1,75 @@
+// Drawings: what grippers do when, which parts a tray is drawn for, and names of joints.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { Fixtures, loads } from "../src/fixtures.js";
+import { jointLabel } from "../src/labels.js";
+import { closedAt, grips } from "../src/machine.js";
+import { Materials } from "../src/shapes.js";
+import { compose, inverse } from "../src/poses.js";
+
+const event = (time, action, dwell, arm = "left") => ({ time, action, dwell, arm, task: "a" });
+
+test("fingers close when the arm picks, and open at the end of the dwell when it places", () => {
+  const changes = grips([event(1, "pick", 0.2), event(3, "place", 1), event(2, "pick", 0.2, "right")], "left");
+  for (const [time, closed] of [[0, 0], [1, 0], [1.1, 0.5], [1.2, 1], [3.7, 1], [3.875, 0.5], [4, 0], [9, 0]]) {
+    assert.ok(Math.abs(closedAt(changes, time) - closed) < 1e-9, `at ${time} s: ${closedAt(changes, time)}`);
+  }
+});
+
+test("an arm that first gives a part away has its fingers on it from the start", () => {
+  const changes = grips([event(2, "give", 0.1), event(5, "take", 0.1)], "left");
+  assert.deepEqual([0, 2.1, 4, 5.1].map((time) => closedAt(changes, time)).map(Math.round), [1, 0, 0, 1]);
+  assert.equal(closedAt(grips([event(1, "move", 0)], "left"), 5), 0);
+});
+
+test("a pose and its inverse are the identity", () => {
+  const pose = { xyz: [0.3, -0.2, 0.9], quat: [0.5, -0.5, 0.1, Math.sqrt(0.49)] };
+  const { xyz, quat } = compose(inverse(pose), pose);
+  for (const [found, expected] of [...xyz, ...quat].map((x, i) => [x, i === 6 ? 1 : 0])) assert.ok(Math.abs(found - expected) < 1e-12);
+});
+
+test("joints have their number in the arm, unless the maker's name ends in it", () => {
+  const joints = ["torso", "left_s", "left_2", "left_12"].map((name, i) => ({ name, group: i ? "left" : "platform" }));
+  assert.deepEqual(joints.map(({ name }) => jointLabel(joints, name)), ["torso", "left_s (1)", "left_2", "left_12 (3)"]);
+});
+
+const upright = (x, y, z) => ({ xyz: [x, y, z], quat: [0, 0, 0, 1] });
+const lies = (x, y, z, time = 0) => ({ time, body: -1, velocity: [0, 0, 0], ...upright(x, y, z) });
+const table = (top) => ({ name: "table", role: "obstacle", kind: "box", size: [2, 2, 0.04], hull: null, body: -1, ...upright(0, 0, top - 0.02) });
+const cell = (more) => ({
+  frames: { tray: upright(0, 0, 0.8), carton: upright(0.5, 0, 0.8), idle: upright(-0.9, 0, 0.8) },
+  bodies: [upright(0, 0, 0)],
+  solids: [table(0.7)],
+  hulls: [],
+  things: [
+    { name: "near", role: "part", solids: [], keyframes: [lies(0, 0.05, 0.8), { ...lies(0, 0, 0, 1), body: 3 }, lies(0.5, 0, 0.8, 2)] },
+    { role: "part", solids: [], keyframes: [lies(0, -0.05, 0.8)] },
+    { role: "part", solids: [], keyframes: [{ ...lies(0.1, 0, 0.8), velocity: [0.2, 0, 0] }] },
+    { name: "far", role: "part", solids: [], keyframes: [lies(5, 5, 0.8)] },
+  ],
+  ...more,
+});
+
+test("parts that lie near a frame share a tray, distant ones have their own, moving ones none", () => {
+  const found = loads(cell({}));
+  assert.deepEqual(found.map(({ name, boxes, isFilled }) => [name, boxes.length, isFilled]), [["tray", 2, false], ["carton", 1, true], ["place of far", 1, false]]);
+  const { min, max } = found[0].boxes.reduce((union, box) => union.union(box));
+  // Cubes of 30 mm at ±50 mm.
+  assert.deepEqual([min.y, max.y, min.z, max.z].map((x) => Math.round(1e6 * x)), [-65e3, 65e3, -15e3, 15e3]);
+  const tilted = cell({ frames: { tray: { xyz: [0, 0, 0.8], quat: [Math.SQRT1_2, 0, 0, Math.SQRT1_2] } } });
+  assert.deepEqual(loads(tilted).map(({ name }) => name), ["place of near", "place of far"]);
+});
+
+test("a tray is drawn above a table, not where a bin is modelled or parts lie on an obstacle", () => {
+  const drawn = (solids) => {
+    const names = [];
+    new Fixtures(cell({ solids }), new Materials()).group.traverse(({ name }) => names.push(name.replace(/: drawn, not checked$/, "")));
+    return ["tray", "stand of tray", "leg of table"].map((name) => names.includes(name));
+  };
+  assert.deepEqual(drawn([table(0.7)]), [true, true, true]);
+  assert.deepEqual(drawn([table(0.785)]), [false, false, true]);
+  const wall = { ...table(0.82), name: "wall", size: [0.2, 0.02, 0.1], xyz: [0, 0.07, 0.77] };
+  assert.deepEqual(drawn([table(0.7), wall]), [false, false, true]);
+});
