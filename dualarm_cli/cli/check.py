@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.parts.output import JsonOption, QuietOption, print_json
+from dualarm_cli.cli.parts.output import JsonOption, QuietOption, print_json, stdout_console
+from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
     from dualarm_cli.errors import Diagnostic
@@ -41,13 +41,14 @@ def check_command(
     if json_output:
         print_json(_document(results))
     else:
+        console = stdout_console()
         if diagnostics:
-            _echo(render(diagnostics))
+            print_lines(console, render(diagnostics))
         for result in results:
             if not result["diagnostics"] and not quiet:
-                _echo(f"{_shown(result['file'])}: good: {result['kind']}, {result['summary']}")
-                for note in result["notes"]:
-                    _echo(f"note: {_shown(note)}")
+                what = f"{result['kind']}, {result['summary']}"
+                notes = (f"note: {_shown(note)}" for note in result["notes"])
+                print_lines(console, f"{_shown(result['file'])}: good: {what}", *notes)
     if diagnostics:
         raise typer.Exit(3 if all(_is_infeasible(diagnostic) for diagnostic in diagnostics) else 2)
 
@@ -57,12 +58,6 @@ def _is_infeasible(diagnostic: Diagnostic) -> bool:
     from dualarm_cli.refusals import codes
 
     return diagnostic.code in codes().values()
-
-
-def _echo(text: str) -> None:
-    """Print text; characters that stdout cannot encode are escaped."""
-    encoding = sys.stdout.encoding or "utf-8"
-    typer.echo(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def _check_one(file: str) -> dict[str, Any]:

@@ -18,8 +18,8 @@ from dualarm_cli.cli.parts.output import (
     stdout_console,
 )
 from dualarm_cli.cli.parts.result_files import json_bytes, refuse_folder, write_folder
-from dualarm_cli.errors import UsageError
-from dualarm_cli.report.printable import printable
+from dualarm_cli.errors import UnknownSolverError, UsageError
+from dualarm_cli.report.printable import print_lines, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -109,7 +109,10 @@ def solvers_command(
     """
     from dualarm_cli.model.settings import PlanSettings
     from dualarm_cli.planning.comparison import job_cases
+    from dualarm_cli.stages.methods import METHODS
 
+    for name in set(method or ()) - set(METHODS.names):
+        raise UnknownSolverError("--method", name, METHODS.names)
     _refuse(out, plot, page, force)
     jobs = _jobs(tasks or [])
     named = (method or (), redundancy or (), timing or ())
@@ -261,8 +264,7 @@ def _print(document: dict[str, Any]) -> None:
         for kind in of_kinds("measures"):
             if (table := kind.table(section)) is not None:
                 console.print(table)
-        for line in (*reason_lines(section), section["sentence"]):
-            console.print(line, markup=False, soft_wrap=True)
+        print_lines(console, *reason_lines(section), section["sentence"])
 
 
 def _exit_code(document: dict[str, Any]) -> int:
@@ -330,8 +332,7 @@ def schedules_command(
         console = stdout_console()
         if not document["identical"]:
             console.print(schedules_table(document))
-        for line in (document["sentence"], *(f"note: {note}" for note in document["notes"])):
-            console.print(line, markup=False, soft_wrap=True)
+        print_lines(console, document["sentence"], *(f"note: {note}" for note in document["notes"]))
 
 
 def _page_of_both(

@@ -31,7 +31,7 @@ from dualarm_cli.cli.parts.options import (
 from dualarm_cli.cli.parts.output import (
     STDOUT,
     JsonOption,
-    QuietOption,
+    ResultOnlyOption,
     print_json,
     print_message,
     refuse_two_documents,
@@ -40,9 +40,10 @@ from dualarm_cli.cli.parts.output import (
     text_console,
     write_out,
 )
-from dualarm_cli.cli.report import PAGE
+from dualarm_cli.cli.report import PAGE, OpenOption, show_page
 from dualarm_cli.errors import Diagnostic, InputError, UsageError
 from dualarm_cli.notes import Note, NoteTable
+from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -57,6 +58,15 @@ _note = NoteTable(
     reduced="schedule.csv: {rate:g} rows per second rather than {requested:g}, as at most {rows:,} rows are "
     "written",
 )
+StagesOption = Annotated[
+    int,
+    typer.Option(
+        "--details",
+        "-v",
+        count=True,
+        help="Print stages, waits, bound and notes; -vv: every stage of a long plan.",
+    ),
+]
 MAX_ROWS = 1_000_000
 """Maximum number of rows in the CSV file: about a gigabyte for fifteen joints."""
 PRELOADED = ("dualarm_cli.interface", "dualarm_cli.page.page", "ruckig", "highspy")
@@ -108,6 +118,7 @@ def plan_command(
     page: Annotated[
         bool, typer.Option("--page/--no-page", help="Write report.html, in which the cell moves.")
     ] = True,
+    open_page: OpenOption = False,
     watch: Annotated[
         bool,
         typer.Option(
@@ -117,7 +128,8 @@ def plan_command(
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
-    quiet: QuietOption = False,
+    details: StagesOption = 0,
+    quiet: ResultOnlyOption = False,
 ) -> None:
     """Plan a cell's tasks: verified joint schedule and throughput report.
 
@@ -138,20 +150,15 @@ def plan_command(
         refuse_existing(folder, force)
     if plot is not None:
         refuse_plot(plot, force)
+    shows = "--watch" if watch else "--open" if open_page else ""
+    without = {"--out -": out == STDOUT, "--json": json_output and watch, "--no-page": not page}
+    for option in (option for option, given in without.items() if given and shows):
+        raise UsageError(f"{shows} shows the page of the plan: it does not go with {option}")
     if watch:
-        for option, given in (
-            ("--out -", out == STDOUT),
-            ("--json", json_output),
-            ("--no-page", not page),
-        ):
-            if given:
-                raise UsageError(
-                    f"--watch shows the page of each plan: it does not go with {option}"
-                )
-        again = partial(plan_command, **options | {"watch": False, "force": True})
+        again = {"watch": False, "open_page": False, "force": True}
         from dualarm_cli.cli.parts.while_planning import keep_planning
 
-        keep_planning(tasks, folder / PAGE, again)
+        keep_planning(tasks, folder / PAGE, partial(plan_command, **options | again), open_page)
         return
     job = _read(tasks)
     from dualarm_cli.background import allow_workers, usable_cores
@@ -190,9 +197,12 @@ def plan_command(
     if json_output:
         print_json(plan.report)
     elif not quiet:
-        _print(plan.report, text_console(out))
-        if out != STDOUT:
-            stdout_console().print(f"written: {folder}", markup=False)
+        _print(plan.report, text_console(out), details)
+    if out != STDOUT and not json_output:
+        last = _short_result(plan, folder) if quiet else _file_line(plan.report, folder, details)
+        print_lines(stdout_console(), last)
+    if open_page:
+        show_page(folder / PAGE)
     if not plan.verified or not plan.keeps_budget:
         raise typer.Exit(1)
 
@@ -296,9 +306,38 @@ def _plan_watched(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
         return planned(job, settings, watch)
 
 
-def _print(report: dict[str, Any], console: Console) -> None:
-    from dualarm_cli.report.console import stage_table, summary_lines
+def _print(report: dict[str, Any], console: Console, details: int) -> None:
+    """Print the result, after table and sentences if requested."""
+    from dualarm_cli.report.console import result_lines, shown_stages, stage_table, summary_lines
 
-    console.print(stage_table(report))
-    for line in summary_lines(report):
-        console.print(line, markup=False, soft_wrap=True)
+    if not details:
+        print_lines(console, *result_lines(report))
+        return
+    shown, count = shown_stages(report, every=details > 1), len(report["stages"])
+    console.print(stage_table(report, shown))
+    if len(shown) < count:
+        print_lines(
+            console, f"these are the first, the longest and the last of {count} stages: -vv has all"
+        )
+    print_lines(console, *summary_lines(report))
+
+
+def _file_line(report: dict[str, Any], folder: Path, details: int) -> str:
+    """Name the file to open, and what is left out without details."""
+    from dualarm_cli.report.console import detail_notes
+
+    page = folder / PAGE
+    line = f"open {page}" if page.is_file() else f"written: {folder}"
+    if details:
+        return line
+    count = len(detail_notes(report))
+    notes = f", {count} note{'s' * (count != 1)}" if count else ""
+    return f"{line}; stages, waits, bound{notes}: add -v"
+
+
+def _short_result(plan: Plan, folder: Path) -> str:
+    """Compose the only line of `--quiet`."""
+    verdict = "passed" if plan.verified else "FAILED"
+    missed = "" if plan.keeps_budget else ", budget MISSED"
+    open_checks = ", not fully checked" if plan.caveats else ""
+    return f"{plan.cycle_time:.3f} s, verification: {verdict}{open_checks}{missed}: {folder}"

@@ -19,6 +19,16 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 """Name of the page next to a schedule."""
+OpenOption = Annotated[
+    bool, typer.Option("--open", help="Show report.html in the browser.", show_default=False)
+]
+
+
+def show_page(page: Path) -> None:
+    """Open a page in the browser."""
+    import webbrowser
+
+    webbrowser.open(page.absolute().as_uri())
 
 
 def report_command(
@@ -26,7 +36,7 @@ def report_command(
         Path, typer.Argument(help="Folder of a plan, or a schedule file.", show_default=False)
     ],
     tasks: PlanTasksOption = None,
-    open_page: Annotated[bool, typer.Option("--open", help="Show it in the browser.")] = False,
+    open_page: OpenOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Write the page of a plan: report.html, in which the cell moves. The plan is verified again."""
@@ -51,9 +61,7 @@ def report_command(
     if not quiet:
         print_message(f"written: {page}")
     if open_page:
-        import webbrowser
-
-        webbrowser.open(page.absolute().as_uri())
+        show_page(page)
     if not judged.verified:
         failed = ", ".join(check.name for check in failures)
         print_message(f"verification: FAILED: {failed}; `dualarm verify` has details")

@@ -23,7 +23,7 @@ from dualarm_cli.cli.parts.output import (
 )
 from dualarm_cli.cli.robot_reach import reach_command
 from dualarm_cli.errors import UsageError
-from dualarm_cli.report.printable import numbers
+from dualarm_cli.report.printable import numbers, print_lines
 
 if TYPE_CHECKING:
     from dualarm_cli.geometry.joint_axes import SrsGeometry
@@ -92,12 +92,13 @@ def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
     console = stdout_console()
     console.print(_limits_table(loaded.robot))
     for name, arm in document["arms"].items():
-        console.print(f"{name} arm: {arm['summary']}", markup=False, soft_wrap=True)
-        console.print(f"{name} flange: link {arm['flange']}", markup=False, soft_wrap=True)
+        print_lines(
+            console, f"{name} arm: {arm['summary']}", f"{name} flange: link {arm['flange']}"
+        )
     for name in document["postures"]:
-        console.print(_posture_line(loaded.robot, name), markup=False, soft_wrap=True)
+        print_lines(console, _posture_line(loaded.robot, name))
     for note in document["notes"]:
-        console.print(f"note: {note}", markup=False, soft_wrap=True)
+        print_lines(console, f"note: {note}")
 
 
 @robot_app.command("export")

@@ -12,6 +12,7 @@ from dualarm_cli.cli.parts.options import read_quantity, refuse_plot
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 from dualarm_cli.errors import UsageError
 from dualarm_cli.notes import Note, NoteTable
+from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
     from dualarm_cli.model.cell import Cell
@@ -107,8 +108,7 @@ def reach_command(
         console.print(area_table(document))
         if document["frames"]:
             console.print(frame_table(document))
-        for line in [*notes, *reach_lines(document)]:
-            console.print(line, markup=False, soft_wrap=True)
+        print_lines(console, *notes, *reach_lines(document))
     if out is not None:
         print_message(f"written: {out}")
 

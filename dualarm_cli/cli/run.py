@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dualarm_cli.errors import DualArmError, InputError, lacks_memory
+from dualarm_cli.errors import DualArmError, lacks_memory
 
 # typer carries click within itself since 0.25 and stood on it before: its errors' common ancestor is
 # found from either.
@@ -82,28 +82,16 @@ def run(arguments: list[str]) -> int:
         hint = f" Try '{context.command_path} --help'." if context is not None else ""
         # typer repeats how pydantic names the kind of an error.
         text = error.format_message().rstrip(".").replace("Value error, ", "")
-        return _report(f"{text}{'' if text.endswith('?') else '.'}{hint}", 2, arguments)
-    except InputError as error:
-        from dualarm_cli.files.source.diagnostics import render
-
-        codes = dict.fromkeys(diagnostic.code for diagnostic in error.diagnostics)
-        text = f"{render(error.diagnostics)}\n{_explained(*codes)}"
-        return _report(text, error.exit_code, arguments)
+        return _report(f"error: {text}{'' if text.endswith('?') else '.'}{hint}", 2, arguments)
     except DualArmError as error:
-        name = getattr(error, "code", "")
-        text = f"error[{name}]: {error}\n{_explained(name)}" if name else f"error: {error}"
-        return _report(text, error.exit_code, arguments)
+        from dualarm_cli.files.source.diagnostics import error_text
+
+        return _report(error_text(error), error.exit_code, arguments)
     except Exception as error:
         if _arrived:
             words = {SIGINT_EXIT: "interrupted", SIGTERM_EXIT: "terminated"}
             return _report(words[_arrived[-1]], _arrived[-1], arguments)
         return _unexpected(error, arguments)
-
-
-def _explained(*codes: str) -> str:
-    """Compose the last line of an error: where its codes are explained."""
-    commands = ", ".join(f"`dualarm explain {code}`" for code in codes)
-    return f"More about it: {commands}"
 
 
 def _unexpected(error: Exception, arguments: list[str]) -> int:
@@ -120,7 +108,7 @@ def _unexpected(error: Exception, arguments: list[str]) -> int:
         )
     if os.environ.get("DUALARM_DEBUG"):
         raise error
-    text = f"internal error: {type(error).__name__}: {error}\nThis is a bug; "
+    text = f"error: internal error: {type(error).__name__}: {error}\nThis is a bug; "
     return _report(f"{text}DUALARM_DEBUG=1 shows where.", INTERNAL_EXIT, arguments)
 
 
@@ -142,10 +130,14 @@ def _run_command(arguments: list[str]) -> int:
 
 def _report(text: str, code: int, arguments: list[str]) -> int:
     """Report an error on stderr, and on stdout as a JSON document if requested."""
-    sys.stderr.write(text + "\n")
-    if "--json" in arguments:
-        from dualarm_cli.cli.parts.output import print_json
+    from dualarm_cli.cli.parts.output import print_json, print_message
 
+    if code == INTERNAL_EXIT:
+        # There may be too little memory for a library that colours it.
+        sys.stderr.write(text + "\n")
+    else:
+        print_message(text)
+    if "--json" in arguments:
         print_json({"format": "dualarm.error/1", "exit_code": code, "message": text})
     return code
 

@@ -48,6 +48,7 @@ from dualarm_cli.cli.parts.score_options import (
     refuse_combinations,
 )
 from dualarm_cli.errors import UsageError
+from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
     from dualarm_cli.evaluation.answers import Run
@@ -259,8 +260,7 @@ def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
     lines = [line for verdict in verdicts for line in reason_lines(verdict)]
     lines += caveat_lines(verdicts)
     lines += [counted(verdicts) + (f"; {rule_words(allowed)}" if compared else "")]
-    for line in (*lines, *advice(verdicts)):
-        console.print(line, markup=False, soft_wrap=True)
+    print_lines(console, *lines, *advice(verdicts))
 
 
 def _write_pages(

@@ -30,6 +30,7 @@ from dualarm_cli.cli.parts.score_options import (
     refuse_combinations,
 )
 from dualarm_cli.errors import OutputError, UsageError
+from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
     from dualarm_cli.model.study import Point, Study
@@ -359,12 +360,10 @@ def _print(document: dict[str, Any]) -> None:
     planned = document["counts"]["planned"] > 0
     if planned:
         console.print(rows_table(document))
-    for line in sentences(document):
-        console.print(line, markup=False, soft_wrap=True)
+    print_lines(console, *sentences(document))
     if planned:
         console.print(sensitivity_table(document))
-        for line in (SENSITIVITY_WORDS, *sensitivity_sentences(document)):
-            console.print(line, markup=False, soft_wrap=True)
+        print_lines(console, SENSITIVITY_WORDS, *sensitivity_sentences(document))
 
 
 def exit_code(document: dict[str, Any]) -> int:

@@ -12,14 +12,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dualarm_cli.cli.parts.options import ReceiverInterpolation, read_positive
-from dualarm_cli.cli.parts.output import JsonOption, QuietOption, print_json, stdout_console
+from dualarm_cli.cli.parts.output import (
+    DetailsOption,
+    JsonOption,
+    ResultOnlyOption,
+    print_json,
+    stdout_console,
+)
 from dualarm_cli.errors import UsageError
-from dualarm_cli.report.printable import numbers, printable
+from dualarm_cli.report.printable import numbers, print_lines, printable
 
 if TYPE_CHECKING:
     from dualarm_cli.geometry.interpolation import Interpolation
     from dualarm_cli.model.schedule import Schedule
-    from dualarm_cli.model.verification import Verification
+    from dualarm_cli.model.verification import Check, Verification
     from dualarm_cli.verification.driven_motion import (
         DrivenJudgement,
         EventTracking,
@@ -236,7 +242,8 @@ def verify_command(
         ),
     ] = False,
     json_output: JsonOption = False,
-    quiet: QuietOption = False,
+    details: DetailsOption = False,
+    quiet: ResultOnlyOption = False,
 ) -> None:
     """Verify a schedule of any origin, or compare a recorded motion with its plan."""
     if plan is not None:
@@ -250,7 +257,7 @@ def verify_command(
         tracking = judged_log(
             schedule, planned, file, interpolation.value, allowed, as_planned=as_planned
         )
-        _show(tracking.verification, "recorded motion", json_output, quiet, tracking)
+        _show(tracking.verification, json_output, quiet, details, tracking)
         return
     refuse_logged(schedule)
     from dualarm_cli.interface import load, verify
@@ -263,14 +270,14 @@ def verify_command(
     job = load(tasks) if tasks else None
     judged = verify(schedule, job, clearance=clearance is not False)
     skew = None if job is None else skew_sentence(judged, job)
-    _show(judged, "verification", json_output, quiet, skew=skew)
+    _show(judged, json_output, quiet, details, skew=skew)
 
 
 def _show(
     judged: Verification,
-    what: str,
     json_output: bool,
     quiet: bool,
+    details: bool,
     tracking: DrivenJudgement | None = None,
     skew: str | None = None,
 ) -> None:
@@ -278,10 +285,10 @@ def _show(
 
     Args:
         judged: all checks.
-        what: is judged: verification, or recorded motion.
         json_output: whether it is printed as JSON.
-        quiet: whether nothing is printed.
-        tracking: tracking of a recorded motion.
+        quiet: whether only the verdict is printed.
+        details: whether all checks are printed.
+        tracking: tracking of a recorded motion; None for a schedule.
         skew: sentence on tolerated delays.
     """
     from dualarm_cli.model.verification import exceptions
@@ -293,16 +300,25 @@ def _show(
         document = {"format": "dualarm.verification/1", **(verification_document(judged) or {})}
         members = {} if tracking is None else {"tracking": tracking_document(tracking)}
         print_json(document | members)
-    elif not quiet:
+    else:
         console = stdout_console()
-        for table in (*([] if tracking is None else tracking_tables(tracking)), _table(judged)):
-            console.print(table)
-        if judged.clearances:
-            console.print(_clearances(judged))
-        if skew:
-            console.print(f"skew: {printable(skew)}", soft_wrap=True, markup=False)
-        result = f"passed{exceptions(judged.caveats)}" if judged.passed else "FAILED"
-        console.print(f"{what}: {result}", soft_wrap=True)
+        if details and not quiet:
+            for table in (*([] if tracking is None else tracking_tables(tracking)), _table(checks)):
+                console.print(table)
+            if judged.clearances:
+                console.print(_clearances(judged))
+            if skew:
+                print_lines(console, f"skew: {printable(skew)}")
+        elif not quiet:
+            if judged.failures:
+                console.print(_table(judged.failures))
+            if count := sum(check.verdict == "not checked" for check in checks):
+                print_lines(console, f"{count} checks do not apply or need more input: add -v")
+        passed = sum(check.verdict == "passed" for check in checks)
+        failed = ", ".join(check.name for check in judged.failures)
+        result = f"passed ({passed} checks){exceptions(judged.caveats)}"
+        what = "verification" if tracking is None else "recorded motion"
+        print_lines(console, f"{what}: {result if judged.passed else f'FAILED: {failed}'}")
     if not judged.passed:
         raise typer.Exit(1)
 
@@ -326,14 +342,14 @@ def _clearances(judged: Verification) -> Any:
     return table
 
 
-def _table(judged: Verification) -> Any:
+def _table(checks: tuple[Check, ...]) -> Any:
     from rich.markup import escape
     from rich.table import Table
 
     figures = numbers("measured", "allowed")
     table = Table("check", "verdict", *figures, "unit", "where or why")
     colour = {"passed": "green", "failed": "bold red", "not checked": "yellow"}
-    for check in judged.checks:
+    for check in checks:
         table.add_row(
             check.name,
             f"[{colour[check.verdict]}]{check.verdict}[/]",

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 from typing import Any
 
 from dualarm_cli.calibration.spread import SPREAD, Spread, half_widths, region_limit
-from dualarm_cli.report.printable import numbers
+from dualarm_cli.report.printable import numbers, print_lines
 
 
 def calibration_document(result: Calibration) -> dict[str, Any]:
@@ -117,8 +117,7 @@ def print_calibration(result: Calibration, console: Console) -> None:
     from rich.table import Table
 
     judgement, names = result.judgement, result.problem.names
-    for line in _transform(result):
-        console.print(line, markup=False, soft_wrap=True)
+    print_lines(console, *_transform(result))
     columns = numbers("mm", "x mm", "y mm", "z mm")
     title = f"residuals, RMS {_mm(judgement.rms)} mm"
     table = Table("point", *columns, title=title, title_justify="left")
@@ -134,8 +133,7 @@ def print_calibration(result: Calibration, console: Console) -> None:
     console.print(table)
     if len(pairs) > 10:
         console.print(f"the 10 of {len(pairs)} distances that differ most", markup=False)
-    for line in [*_spread_lines(result), *_fits(result)]:
-        console.print(line, markup=False, soft_wrap=True)
+    print_lines(console, *_spread_lines(result), *_fits(result))
 
 
 def _transform(result: Calibration) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.markup import escape
@@ -13,6 +13,7 @@ from rich.table import Table
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.schedule import WORK_ENDS
 from dualarm_cli.model.verification import exceptions
+from dualarm_cli.notes import Note, filled
 from dualarm_cli.report.printable import numbers
 
 NOTHING = "–"
@@ -25,15 +26,46 @@ SHOWN_WAIT = 0.005
 """Display resolution of waits [s]."""
 SHOWN_LIMITS = 3
 """Maximum number of single limits in the sensitivity lines."""
+LONG_PLAN, SHOWN_STAGES = 12, 5
+"""Number of stages from which a plan is long, and how many of its longest ones are shown."""
+ASSUMED = {
+    ("cell", "no_tool"): "no tool on {arm} arm",
+    ("cell", "no_clearance"): "clearance 0 mm",
+    ("dwell", "none"): "no dwell at {stops:# stop|# stops}",
+}
+"""Assumptions in short, by topic and key of their notes."""
+UNMET = (
+    *(("order", key) for key in ("fixed", "ended_early")),
+    *(("effort", key) for key in ("only", "interrupted")),
+    ("platform", "held"),
+    ("rate", "reduced"),
+)
+"""Notes, by topic and key, on requests that a plan does not meet: always shown."""
 
 
-def stage_table(report: dict[str, Any]) -> Table:
+def shown_stages(report: dict[str, Any], every: bool = False) -> list[int]:
+    """List the stages of the table: of a long plan the first, the longest ones and the last.
+
+    Args:
+        report: as built by `build_report`.
+        every: whether all are shown.
+    """
+    lengths = [stage["duration"] for stage in report["stages"]]
+    last = len(lengths) - 1
+    if every or last < LONG_PLAN:
+        return list(range(len(lengths)))
+    longest = sorted(range(1, last), key=lambda k: -lengths[k])
+    return sorted([0, *longest[:SHOWN_STAGES], last])
+
+
+def stage_table(report: dict[str, Any], shown: Sequence[int] | None = None) -> Table:
     """Build the table of stages: work, times of the arms, bottleneck.
 
     A value shared by all rows is in the title, or omitted if it means nothing.
 
     Args:
         report: as built by `build_report`.
+        shown: indices of the shown stages; None for all.
     """
     stages, slides = report["stages"], report["platform_slides"]
     title = f"{report['robot']}: stages"
@@ -57,7 +89,8 @@ def stage_table(report: dict[str, Any]) -> Table:
         title=escape(title),
         title_justify="left",
     )
-    for k, stage in enumerate(stages):
+    for k in range(len(stages)) if shown is None else shown:
+        stage = stages[k]
         table.add_row(
             str(k + 1),
             escape(stage_work(stage)),
@@ -97,14 +130,56 @@ def _place(position: float | None, slides: bool) -> str:
     return f"{round(shown, digits) + 0.0:.{digits}f}"
 
 
-def summary_lines(report: dict[str, Any]) -> list[str]:
-    """Compose the sentences below the table: cycle time, throughput, assumptions."""
+def result_lines(report: dict[str, Any]) -> list[str]:
+    """Compose the result: unmet requests, cycle time, budget, verdict with its assumptions."""
     what = "cycle time (period)" if report["closes"] else "duration"
-    lines = [f"{what}: {report['cycle_time']:.3f} s"]
+    cycle = f"{what}: {report['cycle_time']:.3f} s"
     if report["parts_per_hour"] is not None and report["parts"]:
-        word = "part" if report["parts"] == 1 else "parts"
         rate = f"{report['parts_per_hour']:.0f} parts per hour"
-        lines[0] += f", {report['parts']} {word}, {rate}"
+        cycle += f", {_count(report['parts'], 'part')}, {rate}"
+    lines = [f"note: {note}" for note in report["notes"] if _key(note) in UNMET]
+    lines += [cycle, *(f"budget: {line['text']}" for line in report["budget"])]
+    verification = report["verification"]
+    if verification is None:
+        return lines
+    checks = verification["checks"]
+    passed = sum(check["verdict"] == "passed" for check in checks)
+    failed = [f"{c['name']}: {c['detail']}" for c in checks if c["verdict"] == "failed"]
+    verdict = f"passed ({passed} checks){exceptions(verification['caveats'])}"
+    if not verification["passed"]:
+        verdict = f"FAILED: {'; '.join(failed)}"
+    assumed = f"; assumed: {', '.join(texts)}" if (texts := _assumptions(report)) else ""
+    return [*lines, f"verification: {verdict}{assumed}"]
+
+
+def _assumptions(report: dict[str, Any]) -> list[str]:
+    """List in short what the result assumes."""
+    counts = (
+        ("limits of #", "joint", report["assumed_limits"]),
+        ("no jerk limit of #", "joint", report["without_jerk_limit"]),
+        ("no shape of #", "part", report["bodies"]["without_part"]),
+    )
+    texts = [text.replace("#", _count(len(of), word)) for text, word, of in counts if of]
+    noted = [note for note in report["notes"] if _key(note) in ASSUMED]
+    return texts + [filled(ASSUMED[note.topic, note.key], note.more) for note in noted]
+
+
+def _key(note: str) -> tuple[str, str] | None:
+    return (note.topic, note.key) if isinstance(note, Note) else None
+
+
+def detail_notes(report: dict[str, Any]) -> list[str]:
+    """List the notes that the result leaves out."""
+    return [note for note in report["notes"] if _key(note) not in UNMET]
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}{'s' * (number != 1)}"
+
+
+def summary_lines(report: dict[str, Any]) -> list[str]:
+    """Compose all sentences below the table; the result comes last."""
+    lines = []
     for name, use in report["arms"].items():
         lines.append(
             f"{name} arm: busy {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
@@ -126,24 +201,14 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     lines += [report["bodies"]["text"], f"collisions: {report['collisions']}"]
     if report["skew"] is not None:
         lines.append(f"skew: {report['skew']}")
-    lines += [f"budget: {line['text']}" for line in report["budget"]]
     if report["without_jerk_limit"]:
         lines.append(
             f"no jerk limit, as the robot file says: {', '.join(report['without_jerk_limit'])}"
         )
     lines += report["assumptions"]
     lines += sensitivity_lines(report)
-    lines += [f"note: {note}" for note in report["notes"]]
-    verification = report["verification"]
-    if verification is not None:
-        failed = [check for check in verification["checks"] if check["verdict"] == "failed"]
-        passed = sum(check["verdict"] == "passed" for check in verification["checks"])
-        lines.append(
-            f"verification: passed ({passed} checks){exceptions(verification['caveats'])}"
-            if verification["passed"]
-            else "verification: FAILED: " + "; ".join(f"{c['name']}: {c['detail']}" for c in failed)
-        )
-    return lines
+    lines += [f"note: {note}" for note in detail_notes(report)]
+    return [*lines, *result_lines(report)]
 
 
 def _kind_lines(beside: str, report: dict[str, Any]) -> list[str]:
@@ -197,11 +262,7 @@ def bound_line(report: dict[str, Any]) -> str:
         ):
             what = "tasks"  # paths and seams divide them in the file's order
         plan = "rest-to-rest plan" if report["blending"] is None else "plan"
-        line = (
-            f"lower bound: no {plan} of these {what} is faster than {report['lower_bound']:.3f} s"
-        )
-        if report["gap"] is not None:
-            line += f"; at most {report['gap']:.1%} could be saved"
+        line = f"proven: no {plan} of these {what} is faster than {report['lower_bound']:.3f} s"
     if report["tool_speed_cap"] is not None:
         line += "; neither the bound nor the search includes the limit of the tools' speed"
     elif report["grid_gap"] is not None:

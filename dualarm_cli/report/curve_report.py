@@ -16,7 +16,7 @@ from dualarm_cli.kinds.drawing import new_figure, rendered
 from dualarm_cli.model.curves.discretisation import Points, Quality, by_euler, by_length, judge
 from dualarm_cli.model.curves.feature_curve import MeasuredCurve, PoseCurve
 from dualarm_cli.records import dataclass
-from dualarm_cli.report.printable import numbers
+from dualarm_cli.report.printable import numbers, print_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -83,13 +83,12 @@ def print_curves(reports: Sequence[CurveReport], console: Console) -> None:
     from rich.table import Table
 
     for report in reports:
-        console.print(_title(report), markup=False, soft_wrap=True)
+        print_lines(console, _title(report))
         table = Table("", *numbers(*(TITLES[name] for name in report.points)))
         for label, cells in _rows(report):
             table.add_row(label, *cells)
         console.print(table)
-        for line in _remarks(report):
-            console.print(line, markup=False, soft_wrap=True)
+        print_lines(console, *_remarks(report))
 
 
 def _title(report: CurveReport) -> str:

@@ -1,11 +1,20 @@
-"""Text from input files, made safe for display."""
+"""Text for display: input made safe, sentences wrapped at spaces and coloured."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Column
+
+STYLES = (
+    (r"(?<=: )passed\b(?!.*, except that)", "green"),
+    (r"(?<=: )passed\b(?=.*, except that)|, except that .*|(?<=; )assumed: .*", "yellow"),
+    (r"^(warning|note):", "yellow"),
+    (r"^error(\[E\d+\])?:|\b(FAILED|MISSED)\b.*", "bold red"),
+)
+"""Colours of parts of sentences, by pattern."""
 
 
 def printable(value: Any) -> Any:
@@ -35,3 +44,17 @@ def one_line(text: str) -> str:
     """Escape text for display within a line, including line ends."""
     shown: str = printable(text)
     return shown.replace("\n", "\\n")
+
+
+def print_lines(console: Console, *texts: str) -> None:
+    """Print sentences; on a terminal they wrap at spaces, and verdicts have colours.
+
+    Indented lines, such as lines of source files, keep their shape.
+    """
+    from rich.text import Text
+
+    for line in "\n".join(texts).split("\n"):
+        text = Text(line)
+        for pattern, style in STYLES:
+            text.highlight_regex(pattern, style)
+        console.print(text, soft_wrap=line.startswith(" ") or not console.is_terminal)

@@ -45,7 +45,7 @@ def _greedy(platform: str) -> Callable[[MethodProblem], Decided]:
 
 METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
     "method",
-    "--platform (compare: --method)",
+    "--platform",
     [
         Solver(
             name=SEQUENCE,

@@ -73,7 +73,7 @@ def test_errors_are_the_result_and_the_exit_code_is_2(folder: Path) -> None:
     (folder / "tasks.yaml").write_text(TASKS.replace("arm: left, move", "arm: lefft, move"))
     assert run("tasks.yaml", "cell.yaml") == (
         2,
-        "tasks.yaml:5:18: E200 'lefft' is not allowed, did you mean 'left'? "
+        "error[E200]: tasks.yaml:5:18: 'lefft' is not allowed, did you mean 'left'? "
         "Allowed: left, right, any\n"
         "  5 |   - {id: b, arm: lefft, move: {joints: [0.5]}}\n"
         "    |                  ^\n"
@@ -84,7 +84,10 @@ def test_errors_are_the_result_and_the_exit_code_is_2(folder: Path) -> None:
 def test_an_error_in_a_shared_file_is_shown_once(folder: Path) -> None:
     """Two files that stand on the same broken URDF."""
     (folder / "one.urdf").write_text("")
-    assert run("tasks.yaml", "cell.yaml") == (2, "one.urdf: E400 is empty; a URDF is required\n")
+    assert run("tasks.yaml", "cell.yaml") == (
+        2,
+        "error[E400]: one.urdf: is empty; a URDF is required\n",
+    )
 
 
 def test_json_is_one_document(folder: Path) -> None:

@@ -104,7 +104,7 @@ def test_an_error_ends_with_the_command_that_explains_it(
     (tmp_path / "cell.yaml").write_text((source / "cell.yaml").read_text())
     assert run(["plan", str(tmp_path / "tasks.yaml"), "--out", str(tmp_path / "out")]) == 2
     err = capsys.readouterr().err
-    assert f" {code} " in err
+    assert err.startswith(f"error[{code}]: {tmp_path}") or f"\nerror[{code}]: " in err
     assert f"`dualarm explain {code}`" in err.splitlines()[-1]
 
 

@@ -45,7 +45,7 @@ def seam(tmp_path, monkeypatch):
 
 def test_plan_writes_the_measures_and_the_figure(seam, capsys):
     """The report has one path, by the default follower; the output says so; the figure is what was asked for."""
-    assert run(["plan", "tasks.yaml", "--out", "plan", "--plot", "paths.svg"]) == 0
+    assert run(["plan", "tasks.yaml", "--out", "plan", "--plot", "paths.svg", "-v"]) == 0
     out = capsys.readouterr().out.replace("\n", " ")
     assert "path seam by arm_angle: 10.0 mm in" in out
     (found,) = json.loads((seam / "plan" / "report.json").read_text())["paths"]

@@ -190,7 +190,7 @@ def test_a_general_robot_is_planned_by_the_plain_command(general_robots, tmp_pat
     """Exit 0 with a note; exit 3 with task, arm and miss; exit 2 with the reason for a method that was named."""
     file = general_robots.write_cell(tmp_path, "spherical", tasks=1)
     out = ["--out", str(tmp_path / "plan"), "--force", "--effort", "quick"]
-    assert run(["plan", str(file), *out]) == 0
+    assert run(["plan", str(file), *out, "-v"]) == 0
     text = capsys.readouterr().out
     assert "planned with --redundancy numeric" in text.replace("\n", " ")
     settings = json.loads((tmp_path / "plan" / "schedule.json").read_text())["provenance"][

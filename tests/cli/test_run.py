@@ -43,10 +43,10 @@ def hashes(folder):
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory, tasks_folder):
-    """One plan of the first task file, made by a process."""
+    """One plan of the first task file with its details, made by a process."""
     out = tmp_path_factory.mktemp("plan") / "out"
     task = tasks_folder / "01_first_pick" / "tasks.yaml"
-    result = dualarm("plan", task, "--out", out, "--effort", "quick")
+    result = dualarm("plan", task, "--out", out, "--effort", "quick", "-v")
     return result, out
 
 
@@ -71,6 +71,12 @@ def test_plan_writes_its_files_and_says_what_a_reader_needs(planned):
         "verification: passed",
     ):
         assert words in result.stdout
+    # The result comes last: cycle time, verdict with what it assumes, the file to open.
+    cycle, verdict, file = result.stdout.splitlines()[-3:]
+    assert cycle.startswith("cycle time (period): ")
+    for words in ("no shapes of left_tool", "limits of 15 joints", "2 parts", "clearance 0 mm"):
+        assert words in verdict
+    assert file == f"open {out / 'report.html'}" or not (out / "report.html").exists()
     report = json.loads((out / "report.json").read_text())
     assert 0.0 < report["lower_bound"] <= report["cycle_time"]
     assert report["collisions"].startswith(
@@ -104,7 +110,7 @@ def test_results_are_not_overwritten_unasked(planned, tasks_folder):
 
 
 def test_without_out_the_folder_is_named_after_the_task_file(tasks_folder, tmp_path):
-    """./tasks-plan in the working directory; --quiet prints nothing."""
+    """./tasks-plan in the working directory; --quiet prints a line: cycle time, verdict, folder."""
     task = tasks_folder / "03_bottin_planar" / "tasks.yaml"
     result = dualarm(
         "plan",
@@ -116,8 +122,32 @@ def test_without_out_the_folder_is_named_after_the_task_file(tasks_folder, tmp_p
         env=os.environ | {"PYTHONPATH": str(Path.cwd())},
     )
     assert result.returncode == 0, result.stderr
-    assert result.stdout == ""
+    report = json.loads((tmp_path / "tasks-plan" / "report.json").read_text())
+    caveat = ", not fully checked" * bool(report["verification"]["caveats"])
+    verdict = f"verification: passed{caveat}: tasks-plan"
+    assert result.stdout == f"{report['cycle_time']:.3f} s, {verdict}\n"
     assert (tmp_path / "tasks-plan" / "schedule.json").exists()
+
+
+def test_a_plan_ends_with_at_most_sixty_words_and_opens_its_page(
+    tasks_folder, tmp_path, monkeypatch, capsys
+):
+    """Three lines without -v; --open shows what the last one names."""
+    opened = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    command = ["plan", str(tasks_folder / "05_two_robots" / "tasks.yaml"), "--effort", "quick"]
+    assert run([*command, "--open", "--no-page"]) == 2
+    assert (
+        "--open shows the page of the plan: it does not go with --no-page"
+        in capsys.readouterr().err
+    )
+    assert run([*command, "--open"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3
+    assert len(" ".join(lines).split()) <= 60
+    assert lines[-1].endswith(" notes: add -v")
+    assert opened == [(tmp_path / "tasks-plan" / "report.html").as_uri()]
 
 
 def test_plan_as_json_is_one_document(tasks_folder, tmp_path):
@@ -351,7 +381,7 @@ def test_plan_loads_neither_toppra_nor_matplotlib(tasks_folder, tmp_path):
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    assert result.stdout.strip() == "[]"
+    assert result.stdout.splitlines()[-1] == "[]"
 
 
 def test_colour_is_off_where_there_is_no_terminal(planned):

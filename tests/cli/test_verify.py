@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 
 import pytest
@@ -57,6 +58,11 @@ def test_a_plan_passes_by_folder_and_by_file_with_and_without_its_tasks(
     """Exit 0 and a table on stdout; nothing on stderr."""
     arguments = ["verify", str(planned / name)] + ["--tasks", str(first_pick)] * with_tasks
     assert run(arguments) == 0
+    short = capsys.readouterr().out
+    assert "tool_position_at_events" not in short
+    assert re.match(r"\d+ checks do not apply or need more input: add -v\n", short)
+    assert short.splitlines()[-1].startswith("verification: passed (")
+    assert run([*arguments, "-v"]) == 0
     captured = capsys.readouterr()
     assert "verification: passed" in captured.out
     assert "tool_position_at_events" in captured.out
@@ -76,13 +82,16 @@ def test_json_is_one_document_with_every_check(planned, first_pick, capsys):
         assert check["detail"]
 
 
-def test_quiet_says_nothing_and_keeps_the_exit_code(planned, copied, capsys):
+def test_quiet_says_the_verdict_only_and_keeps_the_exit_code(planned, copied, capsys):
     """0 and 1."""
     edit(copied, lambda d: d.update(duration=1.0))
     assert run(["verify", str(planned), "--quiet"]) == 0
     assert run(["verify", str(copied), "--quiet"]) == 1
     captured = capsys.readouterr()
-    assert captured.out + captured.err == ""
+    passed, failed = captured.out.splitlines()
+    assert passed.startswith("verification: passed (")
+    assert failed == "verification: FAILED: duration"
+    assert captured.err == ""
 
 
 def push(document):
@@ -284,7 +293,7 @@ def test_names_that_steer_a_terminal_or_are_no_text_are_spelt_out(copied, capsys
 
 def test_clearance_is_proven_where_the_cell_is_known(planned, first_pick, capsys):
     """A row per stage in the table and in the document; not where it is not wanted, and not without the task file."""
-    assert run(["verify", str(planned), "--tasks", str(first_pick)]) == 0
+    assert run(["verify", str(planned), "--tasks", str(first_pick), "--details"]) == 0
     out = capsys.readouterr().out
     assert "least clearance of every stage, proven" in out
     code, document = judged(capsys, planned, "--tasks", first_pick, "--clearance")

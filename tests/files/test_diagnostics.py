@@ -14,20 +14,23 @@ def test_a_caret_stands_below_the_column() -> None:
     """Place and message, then the source line with its number."""
     diagnostic = Diagnostic("f.yaml", 12, 8, "E200", "must be a number", "speed: fast")
     assert render([diagnostic]) == (
-        "f.yaml:12:8: E200 must be a number\n  12 | speed: fast\n     |        ^"
+        "error[E200]: f.yaml:12:8: must be a number\n  12 | speed: fast\n     |        ^"
     )
 
 
 def test_a_whole_file_has_neither_line_nor_caret() -> None:
     """Only its name and what is wrong with it."""
-    assert render([Diagnostic("f", 0, 0, "E500", "is a directory")]) == "f: E500 is a directory"
+    assert (
+        render([Diagnostic("f", 0, 0, "E500", "is a directory")])
+        == "error[E500]: f: is a directory"
+    )
 
 
 def test_twenty_are_shown_and_the_rest_is_counted() -> None:
     """Nobody reads four thousand."""
     many = [Diagnostic("f", k, 1, "E200", "bad") for k in range(1, 4001)]
     lines = render(many).splitlines()
-    assert lines[19:] == ["f:20:1: E200 bad", "... and 3980 more"]
+    assert lines[19:] == ["error[E200]: f:20:1: bad", "... and 3980 more"]
     assert "more" not in render(many[:20])
 
 

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from io import StringIO
 
 import numpy as np
 import pytest
+from rich.console import Console
+from rich.text import Text
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.planning.planner import plan
-from dualarm_cli.report.console import blending_lines, summary_lines
+from dualarm_cli.report.console import blending_lines, result_lines, shown_stages, summary_lines
+from dualarm_cli.report.printable import print_lines
 from dualarm_cli.report.report import build_report
+from dualarm_cli.verification import verify
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +34,13 @@ def schedule(job):
 
 
 def test_bound_and_gap_are_said_with_the_effort(job, schedule):
-    """A bound of three quarters of the cycle: a quarter could be saved at most."""
+    """A bound is what is proven; the distance to it is no saving and stays in report.json."""
     bounded = dataclasses.replace(schedule, lower_bound=0.75 * schedule.duration, grid_gap=0.031)
     report = build_report(bounded, job)
     assert report["gap"] == pytest.approx(0.25)
-    (line,) = [line for line in summary_lines(report) if line.startswith("lower bound")]
-    assert f"is faster than {bounded.lower_bound:.3f} s; at most 25.0% could be saved" in line
+    (line,) = [line for line in summary_lines(report) if line.startswith("proven: no ")]
+    assert f"is faster than {bounded.lower_bound:.3f} s; before" in line
+    assert "25.0%" not in line
     what = "refinement" if report["blending"] is None else "refinement and blending"
     assert f"before {what} 3.1% above the bound of the search's own grid" in line
     assert line.endswith("effort: normal")
@@ -47,7 +54,7 @@ def test_what_is_proven_of_an_order_is_said_of_the_grid_and_not_of_plans(job, sc
     """Nor as a share of nothing, which reads as if no other plan were quicker."""
     report = build_report(dataclasses.replace(schedule, order_grid_gap=gap), job)
     assert report["order_grid_gap"] == gap
-    (line,) = [line for line in summary_lines(report) if line.startswith("lower bound")]
+    (line,) = [line for line in summary_lines(report) if line.startswith("proven: no ")]
     assert f"; on the grid of the search (not among plans) {words};" in line
     assert "0.0%" not in line.split("; on the grid")[1]
 
@@ -130,6 +137,52 @@ def test_joints_without_a_jerk_limit_are_told(job, schedule):
     lines = summary_lines(report)
     assert f"no jerk limit, as the robot file says: {', '.join(limits.joints)}" in lines
     assert [line for line in lines if line.startswith("acceleration limits are assumed")]
+
+
+@pytest.mark.parametrize(("number", "shown"), [(12, 12), (13, 7), (40, 7)])
+def test_a_long_plan_shows_its_first_longest_and_last_stages(number, shown):
+    """Stages of which every third takes longer, the later the longer; two digits of them at most fit a screen."""
+    stages = [{"duration": 1.0 + k * (k % 3 == 0)} for k in range(number)]
+    report = {"stages": stages}
+    chosen = shown_stages(report)
+    assert len(chosen) == shown
+    assert (chosen[0], chosen[-1]) == (0, number - 1)
+    left_out = set(range(number)) - set(chosen)
+    inner = [stages[k]["duration"] for k in chosen[1:-1]]
+    assert max((stages[k]["duration"] for k in left_out), default=0.0) <= min(inner)
+    assert shown_stages(report, every=True) == list(range(number))
+
+
+def test_the_result_says_what_it_assumes_and_which_wishes_it_does_not_fulfil(job, schedule):
+    """Limits, parts, clearance; a time limit without effect comes first, other notes with the details only."""
+    notes = (planning_note("order", "fixed"), planning_note("order", "best"))
+    verified = verify(schedule, job)
+    judged = dataclasses.replace(schedule, notes=notes, verification=verified)
+    report = build_report(judged, job)
+    unmet, cycle, verdict = result_lines(report)
+    assert unmet == f"note: {notes[0]}"
+    assert cycle.startswith("cycle time (period): ")
+    assert "assumed: limits of 15 joints" in verdict
+    everything = summary_lines(report)
+    assert everything[-3:] == [unmet, cycle, verdict]
+    assert everything.count(unmet) == everything.count(f"note: {notes[1]}") == 1
+
+
+def test_sentences_wrap_at_spaces_and_source_lines_do_not():
+    """At 80 columns no word is broken; in a pipe a sentence is a line; only a terminal gets colours."""
+    words = [f"left_joint_{k}" for k in range(1, 30)]
+    sentence, source = f"verification: passed ({' '.join(words)})", f"  5 | {'x' * 90}"
+    for terminal in (True, False):
+        text = StringIO()
+        colours = "standard" if terminal else None
+        console = Console(file=text, width=80, force_terminal=terminal, color_system=colours)
+        print_lines(console, sentence, source)
+        plain = Text.from_ansi(text.getvalue()).plain
+        *lines, last = plain.splitlines()
+        assert last == source
+        assert " ".join(line.strip() for line in lines) == sentence
+        assert (max(map(len, lines)) <= 80) is terminal
+        assert ("\x1b[32mpassed\x1b[0m" in text.getvalue()) is terminal
 
 
 def test_a_plan_of_no_length_has_no_shares(job, schedule):

@@ -77,7 +77,7 @@ def test_a_path_of_sliding_joints_tells_their_ways_apart(
     slide = sliding_robots.Slide("0 0 1", -0.3, 0.3) if own else None
     tasks = path_job(tmp_path, sliding_robots, {"lift": sliding_robots.LIFT}, joints=6, own=slide)
     out = tmp_path / "out"
-    assert run(["plan", tasks, "--out", str(out), "--effort", "quick"]) == 0
+    assert run(["plan", tasks, "--out", str(out), "--effort", "quick", "-v"]) == 0
     said = capsys.readouterr().out
     [row] = json.loads((out / "report.json").read_text())["paths"]
     document = json.loads((out / "schedule.json").read_text())

@@ -253,7 +253,7 @@ def test_what_people_see_of_a_lift_is_in_millimetres(tmp_path, job, sliding_robo
     """Table of stages, robot show, comparison; files stay in SI units and say which joints slide."""
     job(NEAR, {"lift": sliding_robots.LIFT})
     tasks, out = str(tmp_path / "tasks.yaml"), tmp_path / "out"
-    assert run(["plan", tasks, "--out", str(out), "--effort", "quick"]) == 0
+    assert run(["plan", tasks, "--out", str(out), "--effort", "quick", "-v"]) == 0
     assert "place mm" in capsys.readouterr().out
     report = json.loads((out / "report.json").read_text())
     schedule = json.loads((out / "schedule.json").read_text())

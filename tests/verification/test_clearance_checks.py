@@ -157,7 +157,7 @@ def test_bodies_without_a_shape_are_named(schedule, packing):
     report = build_report(judged, job)
     assert report["verification"]["caveats"] == [caveat]
     assert report["collisions"].startswith("none between bodies with shapes; least")
-    assert summary_lines(report)[-1].endswith(f" checks), except that {caveat}")
+    assert f" checks), except that {caveat}; assumed: " in summary_lines(report)[-1]
     assert Plan(job, judged).caveats == (caveat,)
     assert evaluation_of("a", Plan(job, judged)).caveats == (caveat,)
 

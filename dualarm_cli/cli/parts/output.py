@@ -12,12 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dualarm_cli.errors import UsageError
+from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+ResultOnlyOption = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print one line only, the result; errors as ever.")
+]
+DetailsOption = Annotated[bool, typer.Option("--details", "-v", help="Print tables and all notes.")]
 
 
 PIPE_WIDTH = 120
@@ -96,5 +101,8 @@ def print_json(document: dict[str, Any]) -> None:
 
 
 def print_message(text: str) -> None:
-    """Print one sentence on stderr."""
-    sys.stderr.write(text + "\n")
+    """Print sentences on stderr."""
+    if sys.stderr.isatty():
+        print_lines(stderr_console(), text)
+    else:
+        sys.stderr.write(text + "\n")

@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import time
+import webbrowser
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from dualarm_cli.cli.parts.output import print_message
-from dualarm_cli.errors import DualArmError, InputError
+from dualarm_cli.errors import DualArmError
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 
 if TYPE_CHECKING:
@@ -146,13 +147,14 @@ KINDS = (".yaml", ".yml", ".urdf", ".csv", ".stl", ".obj", ".ply", ".dae")
 """Files of a job, by their endings."""
 
 
-def keep_planning(tasks: Path, page: Path, plan: Callable[[], None]) -> None:
+def keep_planning(tasks: Path, page: Path, plan: Callable[[], None], open_page: bool) -> None:
     """Plan whenever a file of the job has changed, until Ctrl-C.
 
     Args:
         tasks: the task file, or the name of a bundled job.
         page: the page that a plan writes.
         plan: plans once; raises what is wrong.
+        open_page: whether the browser shows the page.
 
     Raises:
         PageNotBuiltError: this installation has no code of the page.
@@ -165,6 +167,8 @@ def keep_planning(tasks: Path, page: Path, plan: Callable[[], None]) -> None:
     file, _ = task_file(tasks)
     live, files = LivePage(), frozenset[Path]()
     print_message(f"watching {file}: its plan is shown at {live.address}; Ctrl-C ends")
+    if open_page:
+        webbrowser.open(live.address)
     try:
         while True:
             files = _inputs(file, files)
@@ -209,14 +213,14 @@ def _inputs(tasks: Path, previous: frozenset[Path]) -> frozenset[Path]:
 
 def _plan_once(live: LivePage, page: Path, plan: Callable[[], None]) -> None:
     """Plan, and show the plan's page or the error."""
-    from dualarm_cli.files.source.diagnostics import render
+    from dualarm_cli.files.source.diagnostics import error_text
 
     try:
         # A plan that fails verification or misses its budget has a page that reports it.
         with suppress(typer.Exit):
             plan()
     except DualArmError as error:
-        text = render(error.diagnostics) if isinstance(error, InputError) else str(error)
+        text = error_text(error)
         print_message(text)
         live.show_text("No plan", text, "This page reloads when a file of the job changes.")
         return

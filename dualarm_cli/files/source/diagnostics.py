@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NoReturn, get_args
 
-from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.errors import Diagnostic, DualArmError, InputError
 from dualarm_cli.files.source.text_source import quote, suggest
 
 if TYPE_CHECKING:
@@ -199,8 +199,19 @@ def _arguments(annotation: Any) -> Sequence[Any]:
     return get_args(annotation)
 
 
+def error_text(error: DualArmError) -> str:
+    """Format any error for a terminal, with the commands that explain its codes."""
+    if isinstance(error, InputError):
+        text, codes = render(error.diagnostics), [d.code for d in error.diagnostics]
+    else:
+        codes = [code] if (code := getattr(error, "code", "")) else []
+        text = "".join(["error", *(f"[{code}]" for code in codes), f": {error}"])
+    commands = ", ".join(f"`dualarm explain {code}`" for code in dict.fromkeys(codes))
+    return f"{text}\nMore about it: {commands}" if codes else text
+
+
 def render(diagnostics: list[Diagnostic], limit: int = MAX_SHOWN) -> str:
-    """Format diagnostics: place, message, source line and a caret below the column.
+    """Format diagnostics as errors with source line and a caret below the column.
 
     Args:
         diagnostics: what to show.
@@ -214,7 +225,8 @@ def render(diagnostics: list[Diagnostic], limit: int = MAX_SHOWN) -> str:
 
 
 def _render_one(diagnostic: Diagnostic) -> str:
-    text = "".join(c if c.isprintable() else "\N{MIDDLE DOT}" for c in str(diagnostic))
+    text = f"error[{diagnostic.code}]: {diagnostic.place}: {diagnostic.message}"
+    text = "".join(c if c.isprintable() else "\N{MIDDLE DOT}" for c in text)
     if not diagnostic.snippet:
         return text
     number = str(diagnostic.line)
