@@ -250,7 +250,7 @@ def test_a_new_kind_brings_its_refusals_and_their_code(
     job_file.write_text(job_file.read_text().replace("turns: 4", "turns: 0"))
     line = len(job_file.read_text().splitlines())
     assert run(["check", str(job_file)]) == 3
-    message = f":{line}:12: E690 task 'bolt': a screw of 0 turns is loose; turn it more often"
+    message = f"error[E690]: {job_file}:{line}:12: task 'bolt': a screw of 0 turns is loose; turn it more often"
     assert message in "".join(capsys.readouterr())
     assert run(["explain", "E690"]) == 0
     assert "Give it some." in capsys.readouterr().out

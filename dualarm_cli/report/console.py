@@ -44,7 +44,7 @@ UNMET = (
 
 
 def shown_stages(report: dict[str, Any], every: bool = False) -> list[int]:
-    """List the stages of the table: of a long plan the first, the longest ones and the last.
+    """List the first, the longest and the last stages of a long plan.
 
     Args:
         report: as built by `build_report`.

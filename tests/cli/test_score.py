@@ -217,7 +217,7 @@ def test_a_baseline_is_not_updated_by_cases_without_a_plan(cells, score):
             ["--baseline", "b", "--max-regression", "x"],
             "'x' is not a number; write one such as 2% or 0.02",
         ),
-        (["--baseline", "b"], "b: E500 there is no such file; --update-baseline writes it"),
+        (["--baseline", "b"], "error[E500]: b: there is no such file; --update-baseline writes it"),
         (
             ["--baseline", "b", "--update-baseline", "--junit", "./b"],
             "is also the file of --baseline",

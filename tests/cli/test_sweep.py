@@ -218,7 +218,7 @@ def test_a_wrong_study_is_refused_with_all_that_is_wrong(folder, capsys) -> None
     text = STUDY.replace("tasks.P1.move", "tasks.P3.move").replace("effort: quick", "effort: quik")
     (folder / "study.yaml").write_text(text)
     assert run(["sweep", "study.yaml"]) == 2
-    assert "study.yaml:4:20: E200 'quik' is not allowed" in capsys.readouterr().err
+    assert "error[E200]: study.yaml:4:20: 'quik' is not allowed" in capsys.readouterr().err
 
 
 def test_the_missing_extra_names_itself(folder, capsys, monkeypatch) -> None:

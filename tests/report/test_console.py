@@ -13,7 +13,7 @@ from rich.text import Text
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.notes import planning_note
+from dualarm_cli.planning.notes import order_note
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.report.console import blending_lines, result_lines, shown_stages, summary_lines
 from dualarm_cli.report.printable import print_lines
@@ -155,7 +155,7 @@ def test_a_long_plan_shows_its_first_longest_and_last_stages(number, shown):
 
 def test_the_result_says_what_it_assumes_and_which_wishes_it_does_not_fulfil(job, schedule):
     """Limits, parts, clearance; a time limit without effect comes first, other notes with the details only."""
-    notes = (planning_note("order", "fixed"), planning_note("order", "best"))
+    notes = (order_note("fixed"), order_note("best"))
     verified = verify(schedule, job)
     judged = dataclasses.replace(schedule, notes=notes, verification=verified)
     report = build_report(judged, job)
