@@ -27,7 +27,7 @@ SHOWN_WAIT = 0.005
 SHOWN_LIMITS = 3
 """Maximum number of single limits in the sensitivity lines."""
 LONG_PLAN, SHOWN_STAGES = 12, 5
-"""Number of stages from which a plan is long, and how many of its longest ones are shown."""
+"""Length of long plans [stages], and number of their longest stages in the table."""
 ASSUMED = {
     ("cell", "no_tool"): "no tool on {arm} arm",
     ("cell", "no_clearance"): "clearance 0 mm",
