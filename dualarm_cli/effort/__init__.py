@@ -27,6 +27,26 @@ class StageEffort:
     """Number of annealing restarts for short orders, fewer for longer ones."""
     near: int = 0
     """Number of near-optimal orders kept from each annealing run."""
+    least_steps: int = 120
+    """Minimum number of ruin-and-recreate steps of a search."""
+    short_steps: int = 20
+    """Number of ruin-and-recreate steps in a short search; in long orders, of improved stretches."""
+    whole: int = 30
+    """Maximum number of stages of an order improved as a whole; longer ones are improved in stretches as well."""
+    full_stages: int = 60
+    """Number of stages from which an order gets all annealing rounds; shorter ones get a fraction."""
+    least_share: float = 0.15
+    """Least fraction of the annealing rounds, for short orders."""
+    most_share: float = 1.6
+    """Largest fraction of the annealing rounds, for long orders."""
+    cooling_ratio: int = 8
+    """Ratio of the rounds of successive coolings; the last and slowest cooling has all rounds."""
+    least_rounds: int = 100
+    """Minimum number of rounds of the quick coolings before the last one."""
+    warm: float = 0.02
+    """Initial temperature from a known order, as a fraction of a stage's mean length."""
+    warm_share: float = 0.4
+    """Fraction of the annealing rounds from a known order."""
 
     def shorter(self, times: int) -> StageEffort:
         """Reduce the effort by a factor, with a single start, for an initial order."""
@@ -60,6 +80,16 @@ class TrialEffort:
     """Number of further searches for long orders."""
     separations: int = 3
     """Number of later attempts that only separate colliding stops."""
+    random_steps: int = 4
+    """Number of random steps per round of polishing, for plans whose other steps end in a collision."""
+    fewer: int = 3
+    """Divisor of the number of orders from each polishing to the next."""
+    longer: int = 2
+    """Factor on the number of polishing rounds from each polishing to the next."""
+    alike: float = 0.9
+    """Fraction of common stages above which two orders count as similar."""
+    largest_penalty: float = 10.0
+    """Upper bound of an order's collision penalty [s]; such orders are tried last."""
 
     def of_stages(self, stages: int) -> TrialEffort:
         """Scale the effort to a number of stages: fewer orders are polished in long sequences."""
@@ -146,6 +176,16 @@ class FreeEffort:
     """Maximum number of orders that are planned until one has a plan."""
     planned_epochs: int = 2
     """Number of orders with several platform angles that are planned."""
+    kept: int = 4
+    """Maximum number of orders kept per angle; the best ones may be infeasible."""
+    rounds: int = 4
+    """Number of improvements with penalties for the conflicts of the last order."""
+    refined_ratio: float = 1.05
+    """Largest ratio of an angle's first objective to the best one's at which it is refined."""
+    conflict_wait: float = 1.5
+    """Extra time of a stop that conflicts with all stops of the partner arm [s]."""
+    most_proven: int = 40
+    """Maximum number of tasks for which a lower bound of all orders is computed."""
     waited: float = 0.1
     """Waiting fraction of each arm from which paired arms are planned, too, without a platform."""
 

@@ -26,27 +26,6 @@ from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)
-class FreeOrderSettings:
-    """Settings of the order search of asynchronous arms."""
-
-    most_proven: int = 40
-    """Maximum number of tasks for which a lower bound of all orders is computed."""
-    wait: float = 1.5
-    """Extra time of a stop that conflicts with all of the other arm's [s]."""
-    spare: int = 4
-    """Maximum number of orders kept per angle. The best ones may be infeasible."""
-    rounds: int = 4
-    """Number of improvements with penalties for the conflicts of the last order."""
-    refined_ratio: float = 1.05
-    """Largest ratio of an angle's first objective to the best one's at which it is refined."""
-    steps: int = 500
-    """Number of time steps of the slower arm."""
-
-
-FREE = FreeOrderSettings()
-
-
-@dataclass(frozen=True)
 class FreeOrder:
     """Order with its platform angle."""
 
@@ -84,7 +63,7 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
     """
     how = EFFORTS[effort].clocks
     if order.job.is_decided:
-        how = FreeEffort(0, 0, how.angles, how.proof)
+        how = replace(how, glance=0, iterations=0)
     reached = order.reached().any(axis=0).all(axis=0)
     problems = {int(f): order.problem(int(f)) for f in np.flatnonzero(reached)}
     problems = {f: problem for f, problem in problems.items() if _each_has_an_arm(problem)}
@@ -110,7 +89,7 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
     exact = exact and not watch.stopped and order.job.start != "free"
     ranking = []
     for f in rank:
-        if best[f].objective > FREE.refined_ratio * best[rank[0]].objective:
+        if best[f].objective > how.refined_ratio * best[rank[0]].objective:
             continue
         conflicts = None
         if how.iterations and any(task.arm == ANY for task in order.job.tasks):
@@ -137,9 +116,9 @@ def _improved(
 ) -> list[tuple[Timed, float]]:
     """Improve an order at one angle under penalties for conflicts; list orders and times [s].
 
-    While an arm is at a task the other one is at any of its own. If the two collide, one arm waits for about `wait`. So
-    tasks cost more by that time times the fraction of the other arm's tasks that they conflict with, and orders are
-    improved again, a few times.
+    While an arm is at a task the other one is at any of its own. If the two collide, one arm waits for about
+    `conflict_wait`. So tasks cost more by that time times the fraction of the other arm's tasks that they conflict
+    with, and orders are improved again, a few times.
     """
     count = max(200, round(limits.iterations * min(1.0, 100 / problem.tasks)))
     if conflicts is None or not conflicts.any():
@@ -147,24 +126,24 @@ def _improved(
             start = Recreator(problem, seed).improve(start, count, stop=watch.stop)
         return [(start, start.total)]
     current, candidates = start, [start]
-    for k in range(FREE.rounds):
-        penalised = _with_conflicts(problem, current, conflicts)
+    for k in range(limits.rounds):
+        penalised = _with_conflicts(problem, current, conflicts, limits.conflict_wait)
         retimed = timed(penalised, current.order)
         if is_small(penalised):
             retimed = exact_order(penalised) or retimed
         else:
             retimed = Recreator(penalised, seed).improve(
-                retimed, count // FREE.rounds, stop=watch.stop
+                retimed, count // limits.rounds, stop=watch.stop
             )
         current = timed(problem, retimed.order)
         candidates.append(current)
         if watch.stop() and k:
             break
-    return together_ranked(problem, candidates, conflicts)[: FREE.spare]
+    return together_ranked(problem, candidates, conflicts)[: limits.kept]
 
 
 def _with_conflicts(
-    problem: SequencingProblem, current: Timed, conflicts: BoolArray
+    problem: SequencingProblem, current: Timed, conflicts: BoolArray, wait: float
 ) -> SequencingProblem:
     """Add the expected waits for the other arm's tasks to the times of tasks."""
     first = np.concatenate([[0], np.cumsum(problem.stops)])
@@ -176,7 +155,7 @@ def _with_conflicts(
         arm_conflicts = conflicts[:, other_stops] if a == 0 else conflicts[other_stops].T
         stops = arm_conflicts.mean(axis=1) if other_stops else np.zeros(len(conflicts))
         fraction = np.add.reduceat(stops, first[:-1])
-        arms.append(replace(arm, first=arm.first + FREE.wait * fraction[:, None]))
+        arms.append(replace(arm, first=arm.first + wait * fraction[:, None]))
     return replace(problem, arms=tuple(arms))
 
 
@@ -199,7 +178,7 @@ def _bound(
     watch: Watch,
 ) -> float | None:
     """Compute a lower bound over all angles [s]; None if tasks are too many or the search was stopped."""
-    if any(problem.tasks > FREE.most_proven for problem in problems.values()):
+    if any(problem.tasks > limits.most_proven for problem in problems.values()):
         return None
     bound = np.inf
     for f, problem in problems.items():
@@ -239,7 +218,7 @@ def time_together(problem: SequencingProblem, order: Order, touch: BoolArray) ->
     longest = max((float(arm_ends[-1]) for arm_ends in ends if len(arm_ends)), default=0.0)
     if not all(len(arm_ends) for arm_ends in ends) or longest <= 0.0:
         return longest
-    step = longest / FREE.steps
+    step = longest / 500  # time steps of the slower arm
     steps = [max(1, int(np.ceil(arm_ends[-1] / step - 1e-9))) for arm_ends in ends]
     first = np.concatenate([[0], np.cumsum(problem.stops)])
     stops = [

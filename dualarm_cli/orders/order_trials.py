@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.effort import EFFORTS
+from dualarm_cli.effort import EFFORTS, TrialEffort
+from dualarm_cli.effort.stages import SequenceSettings
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.job import StopKey
 from dualarm_cli.orders.orders import DecidedOrder, PairedSearch
@@ -23,46 +24,24 @@ from dualarm_cli.stages.sequence_problem import sequence_problem
 
 
 @dataclass(frozen=True)
-class TrialSettings:
-    """Numbers that select the orders to plan."""
-
-    random_steps: int = 4
-    """Random steps per round of polishing, for plans whose other steps end in a collision."""
-    fewer: int = 3
-    """Divisor of the number of orders from one polishing to the next."""
-    longer: int = 2
-    """Factor on the polishing rounds from one polishing to the next."""
-    alike: float = 0.9
-    """Fraction of common stages above which two orders count as similar."""
-    unlikely: float = 10.0
-    """Upper bound of an order's collision penalty [s]. Such orders are tried last."""
-    swings: tuple[float, ...] = (1.0, 0.95, 0.8, 0.5, 0.0)
-    """Factors on the change of the arm angle along the lines."""
-    shifts: tuple[float, ...] = (0.003, 0.01, 0.03, 0.1, 0.3)
-    """Shifts of a stop's arm angles, to either side, in repairs [rad]."""
-
-
-TRIALS = TrialSettings()
-
-
-@dataclass(frozen=True)
 class _Trial:
     """Order with its sequence problem and a plan."""
 
     order: DecidedOrder
     problem: SequenceProblem
     plan: Evaluated
+    effort: TrialEffort
 
     @property
     def objective(self) -> float:
         """Estimated duration of a plan in this order [s], with its collision penalty."""
         penalty = plan_clearance(self.problem, self.plan).penalty
-        return self.plan.total + min(penalty, TRIALS.unlikely)
+        return self.plan.total + min(penalty, self.effort.largest_penalty)
 
     def polished(self, rounds: int) -> _Trial:
         """Polish the plan."""
         polishing = Polishing(self.problem)
-        return replace(self, plan=polishing.polished(self.plan, rounds, TRIALS.random_steps))
+        return replace(self, plan=polishing.polished(self.plan, rounds, self.effort.random_steps))
 
 
 def orders_to_plan(
@@ -81,7 +60,7 @@ def orders_to_plan(
         watch: may end it.
     """
     settings = EFFORTS[effort].trials.of_stages(max(len(order.job.stages()) for order in orders))
-    started = [_started(search, order) for order in orders if order.plan is not None]
+    started = [_started(search, order, settings) for order in orders if order.plan is not None]
     trials = [trial for trial in started if trial is not None]
     others = [order for order in orders if order.plan is None]
     if len(started) < 2 or not trials:
@@ -90,12 +69,12 @@ def orders_to_plan(
     count, rounds = settings.polished, settings.rounds
     trials.sort(key=lambda trial: trial.objective)
     trials = _polished(trials[:count], count, rounds, watch)
-    while (count := count // TRIALS.fewer) >= settings.planned and not watch.stop():
-        rounds *= TRIALS.longer
+    while (count := count // settings.fewer) >= settings.planned and not watch.stop():
+        rounds *= settings.longer
         trials = _polished(trials, count, rounds, watch)
     answers = [
         replace(trial.order, plan=trial.plan.decisions, expected=trial.objective)
-        for trial in _different(trials)[: settings.planned]
+        for trial in _different(trials, settings.alike)[: settings.planned]
     ]
     return (*answers, *others)
 
@@ -113,20 +92,20 @@ def _polished(trials: list[_Trial], count: int, rounds: int, watch: Watch) -> li
     return [*sorted(polished, key=lambda rated: rated.objective), *trials[len(polished) :]]
 
 
-def _different(trials: list[_Trial]) -> list[_Trial]:
-    """Sort trials that are similar to a better one to the end."""
+def _different(trials: list[_Trial], common: float) -> list[_Trial]:
+    """Sort trials that share more than a fraction of stages with a better one to the end."""
     distinct: list[_Trial] = []
     alike: list[_Trial] = []
     seen: list[set[frozenset[StopKey]]] = []
     for trial in trials:
         stages = {frozenset(stage) for stage in trial.order.job.pairing or ()}
-        is_similar = any(len(stages & earlier) > TRIALS.alike * len(stages) for earlier in seen)
+        is_similar = any(len(stages & earlier) > common * len(stages) for earlier in seen)
         (alike if is_similar else distinct).append(trial)
         seen += [] if is_similar else [stages]
     return [*distinct, *alike]
 
 
-def _started(search: PairedSearch, order: DecidedOrder) -> _Trial | None:
+def _started(search: PairedSearch, order: DecidedOrder, effort: TrialEffort) -> _Trial | None:
     """Build the trial of an order, or None if no feasible plan is near its own.
 
     The search's postures are less than a plan: the last joint is open if the yaw is free, and of lines only the ends
@@ -137,7 +116,7 @@ def _started(search: PairedSearch, order: DecidedOrder) -> _Trial | None:
     holding = None if clearance is None else Holding.of(order.job, cell=clearance)
     problem = sequence_problem(search.order.model, order.job, holding)
     plan = repaired(problem, with_yaws(problem, order.plan))
-    return None if plan is None else _Trial(order, problem, plan)
+    return None if plan is None else _Trial(order, problem, plan, effort)
 
 
 def repaired(problem: SequenceProblem, plan: Decisions) -> Evaluated | None:
@@ -157,7 +136,7 @@ def repaired(problem: SequenceProblem, plan: Decisions) -> Evaluated | None:
         if not len(infeasible):
             continue
         repairs.append((a, infeasible))
-        variants = _variants(plan, a, infeasible)
+        variants = _variants(problem.settings, plan, a, infeasible)
         work = np.array(
             [evaluate(problem, variant).arms[a].work[infeasible] for variant in variants]
         )
@@ -171,14 +150,18 @@ def repaired(problem: SequenceProblem, plan: Decisions) -> Evaluated | None:
     start = evaluate(problem, plan)
     for a, infeasible in repairs:
         if np.isfinite(start.total):
-            start = best_combination(problem, start, _variants(start.decisions, a, infeasible))
+            variants = _variants(problem.settings, start.decisions, a, infeasible)
+            start = best_combination(problem, start, variants)
     return start if np.isfinite(start.total) else None
 
 
-def _variants(plan: Decisions, a: int, stages: IntArray) -> list[Decisions]:
+def _variants(
+    settings: SequenceSettings, plan: Decisions, a: int, stages: IntArray
+) -> list[Decisions]:
     """List plans with other arm angles of one arm in some stages."""
-    shifts = [0.0, *(side * shift for shift in TRIALS.shifts for side in (1.0, -1.0))]
-    return [_changed(plan, a, stages, shift, swing) for swing in TRIALS.swings for shift in shifts]
+    sides = (side * shift for shift in settings.repair_shifts for side in (1.0, -1.0))
+    shifts, swings = [0.0, *sides], settings.repair_swings
+    return [_changed(plan, a, stages, shift, swing) for swing in swings for shift in shifts]
 
 
 def _changed(plan: Decisions, a: int, stages: IntArray, shift: float, swing: float) -> Decisions:

@@ -213,7 +213,8 @@ class PairedSearch:
         """
         if is_few(self.problem):
             return None
-        return short_search(replace(self.problem, in_file_order=True), self.seed)
+        problem = replace(self.problem, in_file_order=True)
+        return short_search(problem, EFFORTS[self.effort].orders, self.seed)
 
     def as_it_is(self) -> Orders:
         """Convert the start order without any search."""

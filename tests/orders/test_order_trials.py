@@ -140,7 +140,7 @@ def test_a_third_of_the_orders_is_polished_on_and_twice_as_long(search, monkeypa
     orders = tuple(dataclasses.replace(some[0], total=float(k)) for k in range(20))
     effort = dataclasses.replace(EFFORTS["quick"], trials=TrialEffort(18, 1, 2))
     monkeypatch.setattr(order_trials, "EFFORTS", {"quick": effort})
-    monkeypatch.setattr(order_trials, "_started", lambda _, order: Polished(order))
+    monkeypatch.setattr(order_trials, "_started", lambda _, order, effort: Polished(order))
     rounds = []
 
     class Polished(SimpleNamespace):

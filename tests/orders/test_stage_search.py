@@ -199,7 +199,7 @@ def test_a_short_search_comes_near_the_best_order_of_all(in_stages):
     near = looked = 0
     for seed in range(10):
         problem = in_stages(seed, "file", 6, one_stop=True)
-        best, found = best_of_all(problem), short_search(problem, 0)
+        best, found = best_of_all(problem), short_search(problem, StageEffort(1, 1, 1.0), 0)
         if best is None or found is None or not np.isfinite(found):
             continue
         proven = prove_order(problem, best, ProofEffort(40, 20_000))

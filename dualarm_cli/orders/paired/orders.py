@@ -101,30 +101,8 @@ def _stages(
 class StageSearchSettings:
     """Settings of the search for orders of stages."""
 
-    whole: int = 30
-    """Maximum number of stages of an order that is improved as a whole. Longer orders are improved in stretches as
-    well."""
-    least: int = 120
-    """Minimum number of ruin-and-recreate steps."""
-    short: int = 20
-    """Number of ruin-and-recreate steps in a short search; in long orders, of improved stretches."""
-    full: int = 60
-    """Number of stages of an order that gets all annealing rounds. The number of rounds grows with the number of
-    stages."""
-    least_share: float = 0.15
-    """Least fraction of the annealing rounds, for short orders."""
-    most_share: float = 1.6
-    """Largest fraction of the annealing rounds, for long orders."""
-    sooner: int = 8
-    """Ratio of the rounds of successive coolings. The last and slowest cooling has all rounds."""
-    shortest: int = 100
-    """Minimum number of rounds of the quick coolings before the last one."""
     near: float = 0.02
     """Largest relative excess of near-optimal orders over the best one."""
-    warm: float = 0.02
-    """First temperature from a known order, as a share of a stage's mean length."""
-    again: float = 0.4
-    """Share of the annealing rounds from a known order."""
     many: int = 100
     """Number of units above which insertion makes no first order, unless no simpler order is feasible."""
     first_tries: int = 6
@@ -224,13 +202,13 @@ def searched_orders(
         if effort.rounds and is_supported(problem) and np.isfinite(first.total):
             orders += _annealed(search, first, effort, report, stop, is_good=start is not None)
             break
-        steps = max(SEARCH.least, effort.steps // len(first.slots))
+        steps = max(effort.least_steps, effort.steps // len(first.slots))
         improved = search.improve(first, steps, report, stop)
-        if len(improved.slots) > SEARCH.whole:
+        if len(improved.slots) > effort.whole:
             count = round(effort.stretches * len(improved.slots))
             improved = search.improve_stretches(improved, count, report, stop)
         orders.append(improved)
-        if len(improved.slots) > SEARCH.whole:
+        if len(improved.slots) > effort.whole:
             break
     given = in_file_order(problem, stage_units(problem))
     if given is not None and start is None:
@@ -240,14 +218,14 @@ def searched_orders(
     return different_orders([order for order in orders if _has_all_parts(problem, order)])
 
 
-def short_search(problem: StageProblem, seed: int) -> float | None:
+def short_search(problem: StageProblem, effort: StageEffort, seed: int) -> float | None:
     """Compute the total of an order by a short search [s], or None."""
     search = StageSearch(problem, seed)
     first = _first(search, None, in_order=True)
     if first is None:
         return None
-    improve = search.improve if len(first.slots) <= SEARCH.whole else search.improve_stretches
-    return improve(first, SEARCH.short).total
+    improve = search.improve if len(first.slots) <= effort.whole else search.improve_stretches
+    return improve(first, effort.short_steps).total
 
 
 def different_orders(orders: Sequence[StageOrder]) -> list[StageOrder]:
@@ -269,24 +247,28 @@ def _annealed(
 ) -> list[StageOrder]:
     """Search the best orders by annealing; `is_good` shortens it for a good first order."""
     problem, order = search.problem, first
-    if len(first.slots) <= SEARCH.whole:
+    if len(first.slots) <= effort.whole:
         # Annealing exchanges stops but does not merge stages, so idle arms get tasks by insertion first.
-        order = search.improve(first, SEARCH.least, report, stop)
-    fraction = min(SEARCH.most_share, max(SEARCH.least_share, len(first.slots) / SEARCH.full))
+        order = search.improve(first, effort.least_steps, report, stop)
+    fraction = min(
+        effort.most_share, max(effort.least_share, len(first.slots) / effort.full_stages)
+    )
     rounds = round(effort.rounds * fraction)
     annealing = StageAnnealing(problem, search.seed)
     if is_good:
-        return [annealing.improve(order, round(SEARCH.again * rounds), report, stop, SEARCH.warm)]
+        return [
+            annealing.improve(order, round(effort.warm_share * rounds), report, stop, effort.warm)
+        ]
     # A slow cooling finds nothing while hot. Quick coolings before it provide results for an early end.
     coolings = [rounds]
-    while coolings[0] >= SEARCH.sooner * SEARCH.shortest:
-        coolings.insert(0, coolings[0] // SEARCH.sooner)
+    while coolings[0] >= effort.cooling_ratio * effort.least_rounds:
+        coolings.insert(0, coolings[0] // effort.cooling_ratio)
     for count in coolings[:-1]:
         if stop():
             return [order]
         order = annealing.improve(order, count, report, stop)
     orders = [order]
-    coolings_count = effort.coolings * min(1.0, SEARCH.whole / len(order.slots))
+    coolings_count = effort.coolings * min(1.0, effort.whole / len(order.slots))
     for k in range(max(1, round(coolings_count))):
         if stop():
             break
