@@ -81,7 +81,7 @@ class TrialEffort:
     separations: int = 3
     """Number of later attempts that only separate colliding stops."""
     random_steps: int = 4
-    """Number of random steps per round of polishing, for plans whose other steps end in a collision."""
+    """Number of random steps per polishing round, for plans whose linear steps collide."""
     fewer: int = 3
     """Divisor of the number of orders from each polishing to the next."""
     longer: int = 2

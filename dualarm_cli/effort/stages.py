@@ -235,9 +235,9 @@ class SequenceSettings:
     """Number of windows from which two processes improve them."""
 
     repair_swings: tuple[float, ...] = (1.0, 0.95, 0.8, 0.5, 0.0)
-    """Factors on the change of the arm angle along the lines, in repairs of an order's plan."""
+    """Factors on the change of the arm angle along lines in repaired plans."""
     repair_shifts: tuple[float, ...] = (0.003, 0.01, 0.03, 0.1, 0.3)
-    """Shifts of a stop's arm angle to either side, in repairs of an order's plan [rad]."""
+    """Shifts of a stop's arm angle to either side in repaired plans [rad]."""
     repair_yaws: int = 48
     """Number of candidate yaws if the distributed yaw is infeasible."""
     last_joint_margin: float = 0.02

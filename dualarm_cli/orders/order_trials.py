@@ -93,7 +93,7 @@ def _polished(trials: list[_Trial], count: int, rounds: int, watch: Watch) -> li
 
 
 def _different(trials: list[_Trial], common: float) -> list[_Trial]:
-    """Sort trials that share more than a fraction of stages with a better one to the end."""
+    """Sort trials with too many stages of a better one to the end."""
     distinct: list[_Trial] = []
     alike: list[_Trial] = []
     seen: list[set[frozenset[StopKey]]] = []
