@@ -52,17 +52,17 @@ def decided_plan(
     )
     watch.report(f"deciding platform angles and postures ({work.method.name})")
     quickest = next((kind.quickest for kind in work.kinds if kind.quickest), quickest_clear)
-    found = quickest(problem, work.method.solve, work.timing, watch.report, clear=work.clear)
-    stages, motion = found.cleared.plans, found.cleared.motion
+    cleared = quickest(problem, work.method.solve, work.timing, watch.report, clear=work.clear)
+    stages, motion = cleared.cleared.plans, cleared.cleared.motion
     notes = (
         *job.notes,
         *work.replaced,
         *job_notes(job),
         *platform_notes(work.model, stages),
-        *clearance_notes([(found, 1)]),
+        *clearance_notes([(cleared, 1)]),
     )
     schedule = schedule_of(job, work.settings, motion, notes)
-    schedule = replace(schedule, grid_gap=found.decided.grid_gap, clearance_cost=found.cost)
+    schedule = replace(schedule, grid_gap=cleared.decided.grid_gap, clearance_cost=cleared.cost)
     return in_time(schedule, work.job)
 
 
@@ -90,7 +90,7 @@ def _named_times(motion: Motion) -> dict[str, FloatArray]:
         times.setdefault(event.arm, []).append(event.time)
     for part in motion.segments:
         times.setdefault(part.arm, []).extend((part.start, part.end))
-    return {arm: np.array(some) for arm, some in times.items()}
+    return {arm: np.array(arm_times) for arm, arm_times in times.items()}
 
 
 def in_time(schedule: Schedule, job: Job) -> Schedule:
@@ -100,7 +100,7 @@ def in_time(schedule: Schedule, job: Job) -> Schedule:
         InfeasibleError: a task finishes after its time window.
     """
     tasks = {task.id: task for task in job.tasks}
-    # Of a task's events the last one counts.
+    # A task finishes with its last event.
     done = {e.task: e.time for e in sorted(schedule.events, key=lambda e: e.time)}
     late = [
         Refusal(

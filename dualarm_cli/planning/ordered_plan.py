@@ -56,14 +56,14 @@ def _in_best_order(
     watch.begin()
     settings = work.settings
 
-    def planned(one: DecidedOrder, of: Orders, repair_touching_stops: bool) -> Schedule:
-        found = decided_plan(
-            work, one.job, watch, one.plan, repair_touching_stops=repair_touching_stops
+    def planned(order: DecidedOrder, of: Orders, repair_touching_stops: bool) -> Schedule:
+        schedule = decided_plan(
+            work, order.job, watch, order.plan, repair_touching_stops=repair_touching_stops
         )
-        notes = (*found.notes, *order_notes(of, one.total))
-        found = replace(found, order_grid_gap=of.gap(one.total), notes=notes)
-        keep(found)
-        return found
+        notes = (*schedule.notes, *order_notes(of, order.total))
+        schedule = replace(schedule, order_grid_gap=of.gap(order.total), notes=notes)
+        keep(schedule)
+        return schedule
 
     wanted = partial(PairedSearch.of, work.model, job, settings.effort, settings.seed, watch)
     search = wanted(clear=work.clear)
@@ -76,7 +76,7 @@ def _in_best_order(
             orders = wanted(clear=False).orders(watch)
         except InfeasibleError:
             raise error from None
-        # Only collisions at stops have excluded every order: the plan of one tells what collides with what.
+        # Collisions at stops exclude every order: planning one shows which bodies collide.
         return planned(orders.ranked[0], orders, False)
     if job.order != "given" and not watch.stop():
         watch.file_order_best = search.in_file_order()
@@ -105,30 +105,30 @@ def _searched(
     searches = trials.searches_of_long if long else trials.searches
     tries = 0
     while True:
-        known = tried.known
-        # There is no other order to hope for where nothing more is searched.
+        known_before = tried.known
+        # Without a further search no other order follows: repair this one.
         repair_touching_stops = not long or tries > searches or watch.stop()
         one_by_one = partial(planned, of=orders, repair_touching_stops=repair_touching_stops)
         try:
             promising = _promising(search, orders.ranked, settings, watch)
-            # What touches in a long order is better kept apart in it than tried in another one.
+            # In a long order, separating colliding stops succeeds sooner than other orders.
             return _quickest(promising, watch, one_by_one, tried, only_first=long)
         except BlockedError as error:
             last = tries == searches + trials.separations
-            if last or tried.known == known or tried.is_hopeless:
+            if last or tried.known == known_before or tried.is_hopeless:
                 raise
-            # What turned out to touch is kept apart, and the search goes on from there.
+            # Exclude the colliding stops and search again from the best order.
             first = orders.ranked[0].job
             watch.report(f"keeping {tried.known} stops or pairs of them apart: {error.stages}")
             search = search.without(tried.pairs, tried.others, first)
-            # At last only what touches is taken apart, and all else stays as it is, so that a plan comes of it.
-            again = search.start is None or (tries < searches and not watch.stop())
+            # The last attempts only separate colliding stops and keep the rest, to get any plan.
+            is_full_search = search.start is None or (tries < searches and not watch.stop())
             try:
-                found = search.orders(watch) if again else search.as_it_is()
+                next_orders = search.orders(watch) if is_full_search else search.as_it_is()
             except InfeasibleError:
-                # What was learnt is no rule of the job.
+                # No-goods are not rules of the job: report the collision instead.
                 raise error from None
-            orders = replace(found, bound=orders.bound)
+            orders = replace(next_orders, bound=orders.bound)
             tries += 1
 
 
@@ -152,21 +152,21 @@ def _quickest(
     best: Schedule | None = None
     failure: InfeasibleError | None = None
     longest = 0.0
-    for number, one in enumerate(orders, start=1):
-        if best is not None and (watch.stop(longest) or _is_as_quick(best, one)):
+    for number, order in enumerate(orders, start=1):
+        if best is not None and (watch.stop(longest) or _is_as_quick(best, order)):
             break
         if best is None and failure is not None and only_first:
             break
-        if tried.repeats(one.job):
+        if tried.repeats(order.job):
             continue
-        watch.report(f"planning order {number} (about {one.total:.2f} s)")
+        watch.report(f"planning order {number} (about {order.total:.2f} s)")
         begin = watch.elapsed()
         try:
-            schedule = planned(one)
+            schedule = planned(order)
         except InfeasibleError as error:
             failure = failure or error
             if isinstance(error, BlockedError):
-                tried.add(one.job, error)
+                tried.add(order.job, error)
             if best is None and tried.is_hopeless:
                 break
             continue
@@ -174,7 +174,7 @@ def _quickest(
         if best is None or schedule.duration < best.duration:
             best = schedule
     if best is None:
-        # There is an order, or it would have been said that there is none.
+        # A search without orders has raised an error before.
         assert failure is not None
         raise failure
     return best
@@ -203,14 +203,14 @@ class _Tried:
     def add(self, job: Job, error: BlockedError) -> None:
         """Learn from an order whose plan collides."""
         before = len(self.others)
-        left = self.either - {task for _, task in self.others}
-        # What is in the way of later stages may be there because of the first one.
+        movable = self.either - {task for _, task in self.others}
+        # Later collisions may follow from the first one: learn one task at a time.
         lone = error.never or _lone_tasks(job, error.stages)
-        self.others |= set([one for one in lone if one[1] in left][:1])
+        self.others |= set([pair for pair in lone if pair[1] in movable][:1])
         if not self.others.issuperset(error.never):
             self.alone = self.most
         self.pairs |= _blocked_pairs(job, error.stages)
-        # Where the other arm may do it there is hope.
+        # A task that moves to the other arm is progress, not a failure.
         self.alone += error.alone and len(self.others) == before
 
     def repeats(self, job: Job) -> bool:
@@ -237,28 +237,28 @@ def _lone_tasks(job: Job, stages: Collection[int]) -> list[ArmTask]:
 
 def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
     """Return the pairs of simultaneous stops in given stages of a decided job."""
-    found: set[StagePair] = set()
+    pairs: set[StagePair] = set()
     for k, work in enumerate(job.stages()):
         if k in stages and len(work) == 2:
-            one, other = ((stop_name(task), stop.action) for task, stop in work.values())
-            # What a hand-over needs cannot be taken apart.
-            if "give" not in (one[1], other[1]):
-                found.add((one, other))
-    return found
+            stop_a, stop_b = ((stop_name(task), stop.action) for task, stop in work.values())
+            # The two stops of a hand-over cannot be separated.
+            if "give" not in (stop_a[1], stop_b[1]):
+                pairs.add((stop_a, stop_b))
+    return pairs
 
 
 def _promising(
-    search: PairedSearch, found: tuple[DecidedOrder, ...], settings: PlanSettings, watch: Watch
+    search: PairedSearch, orders: tuple[DecidedOrder, ...], settings: PlanSettings, watch: Watch
 ) -> list[DecidedOrder]:
-    """Returns the orders that are worth planning, the most promising one first."""
+    """Select the orders to plan, fastest expected plan first."""
     trials = EFFORTS[settings.effort].trials
-    if len(found[0].job.stages()) > trials.most_stages:
-        return [found[0]]
+    if len(orders[0].job.stages()) > trials.most_stages:
+        return [orders[0]]
     windows = search.problem.not_before is not None or search.problem.not_after is not None
     if settings.platform == SEQUENCE and not windows:
-        found = orders_to_plan(search, found, settings.effort, watch)
-    least = min(_expected(one) for one in found)
-    promising = [one for one in found if _expected(one) <= (1.0 + trials.promising) * least]
+        orders = orders_to_plan(search, orders, settings.effort, watch)
+    limit = (1.0 + trials.promising) * min(_expected(order) for order in orders)
+    promising = [order for order in orders if _expected(order) <= limit]
     return promising[: trials.planned]
 
 

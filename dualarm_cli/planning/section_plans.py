@@ -72,14 +72,17 @@ def _rules(job: Job) -> _Rules:
         numbers.setdefault(task.id, []).append(t)
     alone = [tuple(numbers[name]) for name in numbers if job.tasks[numbers[name][0]].alone]
     rows = [tuple(t for name in row for t in numbers[name]) for row in job.sequences]
-    # Both shares of a hand-over meet, so that they are in one run.
+    # Both tasks of a hand-over meet, so they belong to one run.
     rows += [
         tuple(numbers[name]) for name in numbers if job.tasks[numbers[name][0]].handover is not None
     ]
     within = {t for row in (*alone, *rows) for t in row}
     singles = [(t,) for t in range(len(job.tasks)) if t not in within]
     before = [
-        (one, t) for t, task in enumerate(job.tasks) for name in task.after for one in numbers[name]
+        (earlier, t)
+        for t, task in enumerate(job.tasks)
+        for name in task.after
+        for earlier in numbers[name]
     ]
     return _Rules(tuple(alone), tuple(sorted((*rows, *singles))), tuple(before))
 
@@ -112,21 +115,21 @@ def _gaps(rules: _Rules, place: dict[int, int], last: int) -> list[tuple[int, in
 
     Gap k is before path or seam k.
     """
-    first, most = [0] * len(rules.units), [last] * len(rules.units)
+    first, last_gap = [0] * len(rules.units), [last] * len(rules.units)
     unit_of = {t: u for u, unit in enumerate(rules.units) for t in unit}
     for _ in range(len(rules.units) + 1):
         for a, b in rules.before:
             if a in unit_of and b in unit_of:
-                one, other = unit_of[a], unit_of[b]
-                first[other] = max(first[other], first[one])
-                most[one] = min(most[one], most[other])
+                unit_a, unit_b = unit_of[a], unit_of[b]
+                first[unit_b] = max(first[unit_b], first[unit_a])
+                last_gap[unit_a] = min(last_gap[unit_a], last_gap[unit_b])
             elif b in unit_of:
                 first[unit_of[b]] = max(first[unit_of[b]], place[a] + 1)
             elif a in unit_of:
-                most[unit_of[a]] = min(most[unit_of[a]], place[b])
-    if any(e > m for e, m in zip(first, most, strict=True)):
+                last_gap[unit_of[a]] = min(last_gap[unit_of[a]], place[b])
+    if any(e > m for e, m in zip(first, last_gap, strict=True)):
         return None
-    return list(zip(first, most, strict=True))
+    return list(zip(first, last_gap, strict=True))
 
 
 def _stabbed(gaps: Sequence[tuple[int, int]]) -> list[int]:
@@ -153,14 +156,14 @@ def _travel(model: CellModel, job: Job, sections: Sequence[tuple[Task, ...]]) ->
     if job.start != "free":
         q = np.array(job.start_joints)
         home = {name: model.tool_position(name, q)[None] for name in model.arms}
-    ways = [(home, home)] if home else []
-    ways += [_ends(list(model.arms), section) for section in sections]
-    ways += [(home, home)] if home and job.returns else []
-    found = 0.0
-    for (_, leaves), (comes, _) in pairwise(ways):
-        both = set(leaves) & set(comes)
-        found += max((_distance(leaves[name], comes[name]) for name in both), default=0.0)
-    return found
+    places = [(home, home)] if home else []
+    places += [_ends(list(model.arms), section) for section in sections]
+    places += [(home, home)] if home and job.returns else []
+    travel = 0.0
+    for (_, leaves), (comes, _) in pairwise(places):
+        shared_arms = set(leaves) & set(comes)
+        travel += max((_distance(leaves[name], comes[name]) for name in shared_arms), default=0.0)
+    return travel
 
 
 def _ends(
@@ -171,9 +174,9 @@ def _ends(
     last: dict[str, list[FloatArray]] = {}
     for task in section:
         if task.path is not None and task.arm in task.path.paths:
-            way = task.path.paths[task.arm]
-            first.setdefault(task.arm, []).append(np.asarray(way.pose(0.0).translation))
-            last.setdefault(task.arm, []).append(np.asarray(way.pose(way.length).translation))
+            path = task.path.paths[task.arm]
+            first.setdefault(task.arm, []).append(np.asarray(path.pose(0.0).translation))
+            last.setdefault(task.arm, []).append(np.asarray(path.pose(path.length).translation))
         for stop in task.stops if task.path is None else ():
             if isinstance(stop.target, PoseTarget):
                 place = np.asarray(stop.target.pose.translation)
@@ -186,9 +189,9 @@ def _ends(
     )
 
 
-def _distance(some: FloatArray, others: FloatArray) -> float:
-    """Returns the least distance between places of two sets [m]."""
-    return float(norm(some[:, None] - others[None], axis=-1).min())
+def _distance(points: FloatArray, others: FloatArray) -> float:
+    """Compute the least distance between two sets of points [m]."""
+    return float(norm(points[:, None] - others[None], axis=-1).min())
 
 
 def quickest_of_sections(work: PlannedJob, watch: Watch) -> Schedule:
@@ -207,27 +210,27 @@ def quickest_of_sections(work: PlannedJob, watch: Watch) -> Schedule:
     watch.begin()
     orders = section_orders(work.model, job, work.effort.section_orders)
     if _has_open_runs(job):
-        # Runs are ordered one by one, by estimates: at last what the file says is planned as it is.
+        # Runs are ordered by estimates; the file's order of all tasks competes at the end.
         orders.append(replace(job, order="given"))
     best: Schedule | None = None
     failure: InfeasibleError | None = None
     longest, chosen, tried = 0.0, job, 0
-    for number, one in enumerate(orders, start=1):
+    for number, order in enumerate(orders, start=1):
         if best is not None and watch.stop(longest):
             break
         begin = watch.elapsed()
         watch.report(f"planning order {number} of {len(orders)} of tasks of both arms")
         tried += 1
         try:
-            found = sections_plan(work.with_job(one), watch)
+            schedule = sections_plan(work.with_job(order), watch)
         except InfeasibleError as error:
             failure = failure or error
             continue
         longest = max(longest, watch.elapsed() - begin)
-        watch.record(found.duration)
-        watch.keep(_with_order(found, one, orders[0], tried))
-        if best is None or found.duration < best.duration:
-            best, chosen = found, one
+        watch.record(schedule.duration)
+        watch.keep(_with_order(schedule, order, orders[0], tried))
+        if best is None or schedule.duration < best.duration:
+            best, chosen = schedule, order
     if best is None:
         assert failure is not None  # there is at least the file's order
         raise failure
@@ -252,9 +255,8 @@ def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Sche
         else f"{len({task.id for task in section})} others"
         for section in chosen.sections()
     ]
-    whose = "the file's order of sections" if chosen == given else "sections in another order"
+    source = "the file's order of sections" if chosen == given else "sections in another order"
     if chosen.order == "given":
-        whose = "the file's order of all tasks"
-    more = {"tried": tried, "whose": whose, "rows": rows}
-    note = order_note("sections", **more)
+        source = "the file's order of all tasks"
+    note = order_note("sections", tried=tried, whose=source, rows=rows)
     return replace(schedule, notes=(*schedule.notes, note))

@@ -56,7 +56,7 @@ class SectionPlanner(SectionTools):
         job = self.problem.job
         parts = job.sections() if job.returns else job.sections()[:-1]
         stops = (replace(job, tasks=part) for part in parts if not part[0].alone)
-        return any(replace(self.problem, job=one).blends for one in stops)
+        return any(replace(self.problem, job=part_job).blends for part_job in stops)
 
     def plan(self) -> PlannedSections:
         """Plan the whole job, section after section.
@@ -68,23 +68,23 @@ class SectionPlanner(SectionTools):
         robot = job.cell.robot
         if job.is_decided:
             job = with_needs(job)
-        here = None if job.start == "free" else np.array(job.start_joints)
+        position = None if job.start == "free" else np.array(job.start_joints)
         sections = job.sections()
         planner = self
         for section, after in zip(sections, [*sections[1:], ()], strict=True):
             kind = kind_of(section)
             if kind is None or kind.add is None:
-                planner._add_stops(record, section, here)
+                planner._add_stops(record, section, position)
             else:
-                kind.add(planner, record, section, here, after)
+                kind.add(planner, record, section, position, after)
             planner = replace(planner, done=(*planner.done, *section))
-            here = record.end
+            position = record.end
         first = record.begin
-        assert here is not None  # a job has at least one task
-        if job.returns and np.abs(first - here).max() > 0.0:
-            found = planner.transfer(here, first)
-            record.append(found.cleared.motion)
-            record.count(found)
+        assert position is not None  # a job has at least one task
+        if job.returns and np.abs(first - position).max() > 0.0:
+            cleared = planner.transfer(position, first)
+            record.append(cleared.cleared.motion)
+            record.count(cleared)
         cost = record.cost if self.clear else None
         motion = record.build(robot)
         notes = (*record.notes, *clearance_notes(record.cleared))
@@ -101,10 +101,10 @@ class SectionPlanner(SectionTools):
         problem = self._ordered(replace(problem, job=with_levels_after(problem.job, self.done)))
         self.progress("deciding platform angles and postures")
         quickest = quickest_for_stops if self.for_stops else quickest_clear
-        found = quickest(problem, self.method, self.timing, self.progress, clear=self.clear)
-        record.append(found.cleared.motion)
-        record.count(found)
-        record.stage_plans += found.cleared.plans
+        cleared = quickest(problem, self.method, self.timing, self.progress, clear=self.clear)
+        record.append(cleared.cleared.motion)
+        record.count(cleared)
+        record.stage_plans += cleared.cleared.plans
 
     def _ordered(self, problem: MethodProblem) -> MethodProblem:
         """Choose arms and order of a section if the file leaves them open."""
@@ -124,12 +124,12 @@ def sections_plan(work: PlannedJob, watch: Watch) -> Schedule:
         work.problem, work.settings, work.timing, watch.report, work.clear, (), work.method.solve
     )
     planned = planner.plan()
-    # Sections begin where the ones before end: what is quicker by itself may cost more afterwards.
+    # Sections start where the previous ones end: a faster section may slow down the next.
     if planner.may_end_better:
         with suppress(InfeasibleError):
-            other = replace(planner, for_stops=True).plan()
-            if other.motion.trajectory.duration < planned.motion.trajectory.duration:
-                planned = other
+            rival = replace(planner, for_stops=True).plan()
+            if rival.motion.trajectory.duration < planned.motion.trajectory.duration:
+                planned = rival
     job, motion = work.job, planned.motion
     kinds = [kind for kind in work.kinds if kind.add is not None]
     notes = (

@@ -79,9 +79,9 @@ def stage_plans(
         decisions: a feasible plan.
         solver: name of the method that decided it.
     """
-    # In times with stops, which is what plans are compared by before they are blended.
-    found = evaluate(replace(problem, launches=None), decisions)
-    position = _start(model, job, problem, found)
+    # Plans are compared with stops at all line ends before they are blended.
+    plan = evaluate(replace(problem, launches=None), decisions)
+    position = _start(model, job, problem, plan)
     first = position
     plans = []
     for k, work in enumerate(job.stages()):
@@ -95,33 +95,33 @@ def stage_plans(
                 continue
             task, stop = work[arm.name]
             columns = model.arms[arm.name].columns
-            posture = _posture(found, a, k)
-            # Seen from the target itself: the lines' whole turns are counted from there.
+            posture = _posture(plan, a, k)
+            # Full turns of the lines' joints are counted from the target.
             turned[columns] = posture.q_target
-            seen = stop_problems(model, job, turned, {arm.name: work[arm.name]})[arm.name]
-            stops[arm.name] = ArmStop(arm.name, task, stop, seen, posture)
+            target_problem = stop_problems(model, job, turned, {arm.name: work[arm.name]})[arm.name]
+            stops[arm.name] = ArmStop(arm.name, task, stop, target_problem, posture)
             arrival[columns], end[columns] = posture.q_approach, posture.q_retract
-        length = float(found.stages[k])
+        length = float(plan.stages[k])
         plans.append(StagePlan(position, arrival, end, stops, solver, length))
         position = end.copy()
     if problem.returns:
-        plans.append(StagePlan(position, first, first, {}, "return", found.closing))
+        plans.append(StagePlan(position, first, first, {}, "return", plan.closing))
     return plans
 
 
-def _start(model: CellModel, job: Job, problem: SequenceProblem, found: Evaluated) -> FloatArray:
-    """Returns all joints before the first stage [rad], shape (n,)."""
+def _start(model: CellModel, job: Job, problem: SequenceProblem, plan: Evaluated) -> FloatArray:
+    """Return all joints before the first stage [rad], shape (n,)."""
     position = np.array(job.start_joints)
     if problem.turns:
-        position[model.platform_columns] = start_angle(problem, found.decisions.angle)
-    for work, postures in zip(problem.arms, found.arms, strict=True):
+        position[model.platform_columns] = start_angle(problem, plan.decisions.angle)
+    for work, postures in zip(problem.arms, plan.arms, strict=True):
         chain = TransferChain.of(work)
         position[model.arms[work.name].columns] = start_joints(problem, work, chain, postures)
     return position
 
 
-def _posture(found: Evaluated, arm: int, stage: int) -> StopPosture:
-    row, joints = found.decisions.arms[arm].take(np.array([stage])), found.arms[arm]
+def _posture(plan: Evaluated, arm: int, stage: int) -> StopPosture:
+    row, joints = plan.decisions.arms[arm].take(np.array([stage])), plan.arms[arm]
     return StopPosture(
         target=int(row.target[0]),
         yaw=float(row.yaw[0]),
@@ -149,12 +149,12 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     numbers = _numbers(problem)
     spares = problem.settings.spares
     long = numbers.stages >= numbers.settings.in_parts and not numbers.returns
-    # Greedy plans of arms without an arm angle take as long as the search: only where that finds none.
+    # For arms without an arm angle greedy plans take as long as the search: use them only if it fails.
     general = not problem.model.has_arm_angles
     in_parts = spares and not general and long
     short = numbers.stages <= SCALING.short and numbers.launches is not None
     if problem.without_margin is not None and (in_parts or short):
-        # Plans with narrower limits are candidates of the search with the robot's own ones.
+        # Plans with a margin are candidates of the search with the robot's limits.
         model, job, with_margin = (
             problem.without_margin.model,
             problem.without_margin.job,
@@ -162,49 +162,55 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         )
         problem = replace(problem, model=model, job=job, without_margin=None)
         numbers = replace(_numbers(problem), with_margin=with_margin)
-    # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
+    # Long orders come with a plan that the slow simpler methods do not reach.
     long = len(job.stages()) > numbers.settings.given_stages
     given = problem.start is not None and long and spares
     nearby = _near_unchecked(problem, numbers)
     if problem.unchecked and spares:
-        # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
+        # Simpler methods are slow with clearance: compare them only if clearance is expensive.
         if nearby:
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
         if problem.neighbourhood_only:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    begun = len(job.stages()) <= problem.settings.search.begun
+    starts_greedy = len(job.stages()) <= problem.settings.search.begun
 
     def simpler_starts(on_grid: bool) -> list[Decisions]:
         nonlocal starts, failure
-        if given or general or (not begun if on_grid else problem.without_margin is not None):
+        if (
+            given
+            or general
+            or (not starts_greedy if on_grid else problem.without_margin is not None)
+        ):
             return []
         starts, failure = _starts(problem)
         return [decisions_of(numbers, model, stages) for stages in starts.values()]
 
     decided = [] if problem.start is None else [problem.start]
-    found = None
+    result = None
     if in_parts and problem.holding is None:
-        found = search_in_parts(numbers, decided, problem.effort, problem.seed)
-    if found is None:
-        found = search(numbers, decided, problem.effort, problem.seed, simpler_starts)
-    if found is None and nearby:
+        result = search_in_parts(numbers, decided, problem.effort, problem.seed)
+    if result is None:
+        result = search(numbers, decided, problem.effort, problem.seed, simpler_starts)
+    if result is None and nearby:
         return Decided(nearby[0])
-    if found is None and general:
+    if result is None and general:
         return Decided(choose_stages(problem, FIXED))
-    if found is None:
+    if result is None:
         raise failure or InfeasibleError(Refusal("no_plan_on_grid"))
-    stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
-    if found.is_infeasible:
+    stages = stage_plans(model, job, numbers, result.best.decisions, "sequence")
+    if result.is_infeasible:
         return Decided(stages, is_infeasible=True)
-    # Where the search is begun again from its plan it seldom loses against simpler ones.
+    # A blended search restarts from its own plan and seldom loses against simpler plans.
     blends = numbers.launches is not None
     few = problem.settings.search.refined if blends else numbers.settings.few_stages
-    narrowed = (stage_plans(model, job, numbers, one, "sequence") for one in found.with_margin)
-    alternatives = *_rivals(problem, starts, found, few), *narrowed
-    # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
-    gap = _grid_gap(found) if problem.holding is None else None
+    narrowed = (
+        stage_plans(model, job, numbers, decisions, "sequence") for decisions in result.with_margin
+    )
+    alternatives = *_rivals(problem, starts, result, few), *narrowed
+    # The grid's bound ignores the cost of clearance, the plan on the grid includes it.
+    gap = _grid_gap(result) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None
     return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler)
 
@@ -219,7 +225,7 @@ def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[li
         problem.colliding_stages,
         problem.effort,
         problem.seed,
-        # The search knows no cap on the tools' speed: under one, what is good is left as it is.
+        # The search ignores tool speed limits: under one, keep the stages that do not collide.
         local=problem.job.tool_speed is not None,
     )
     if near is None:
@@ -231,16 +237,16 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     """Build the sequence problem, with line ends in motion if the search supports that."""
     job = problem.job
     stops = [stop for task in job.tasks for stop in task.stops]
-    # The search knows no cap on the tools' speed and no conveyor.
-    known = job.tool_speed is None and all(stop.belt is None for stop in stops)
+    # The search supports neither tool speed limits nor conveyors.
+    is_supported = job.tool_speed is None and all(stop.belt is None for stop in stops)
     lines = any(stop.approach or stop.retract for stop in stops)
     numbers = sequence_problem(problem.model, job, problem.holding, problem.no_goods)
     numbers = replace(numbers, settings=problem.settings.sequence)
-    if not (problem.blends and known and lines):
+    if not (problem.blends and is_supported and lines):
         return numbers
     if problem.without_margin is not None:
-        own = problem.without_margin.job
-        limits = own.limits
+        job_without_margin = problem.without_margin.job
+        limits = job_without_margin.limits
         arms = (
             replace(work, robot_limits=limits.select(work.limits.joints)) for work in numbers.arms
         )
@@ -252,12 +258,12 @@ def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
     """Plan by the simpler methods; leave out equal plans."""
     few = len(problem.job.stages()) <= problem.settings.sequence.few_stages
     names = [*problem.simpler, *([MINIMUM_TIME] if few and problem.model.has_arm_angles else [])]
-    found: list[list[StagePlan]] = []
+    plans: list[list[StagePlan]] = []
     for plan in choose_stages_with(problem, names).values():
-        if isinstance(plan, InfeasibleError) or any(same_postures(plan, one) for one in found):
+        if isinstance(plan, InfeasibleError) or any(same_postures(plan, other) for other in plans):
             continue
-        found.append(plan)
-    return found
+        plans.append(plan)
+    return plans
 
 
 def _starts(
@@ -278,34 +284,41 @@ def _starts(
     return starts, failure
 
 
-def _grid_gap(found: SequenceResult) -> float | None:
-    if found.grid_total is None or found.grid_bound is None or found.grid_total <= 0.0:
+def _grid_gap(result: SequenceResult) -> float | None:
+    if result.grid_total is None or result.grid_bound is None or result.grid_total <= 0.0:
         return None
-    return max(0.0, 1.0 - found.grid_bound / found.grid_total)
+    return max(0.0, 1.0 - result.grid_bound / result.grid_total)
 
 
 def _rivals(
-    problem: MethodProblem, starts: dict[str, list[StagePlan]], found: SequenceResult, most: int
+    problem: MethodProblem,
+    starts: dict[str, list[StagePlan]],
+    result: SequenceResult,
+    max_stages: int,
 ) -> tuple[list[StagePlan], ...]:
-    """Returns simpler methods' refined plans that may be as fast as the search's when timed exactly.
+    """Refine the simpler plans that exact timing may show to be as fast.
 
     Args:
-        problem: what was asked.
-        starts: the simpler methods' plans, not refined.
-        found: the search's.
-        most: stages up to which that of `minimum_time` is refined in any case.
+        problem: the problem of the method.
+        starts: unrefined plans of the simpler methods.
+        result: result of the search.
+        max_stages: number of stages up to which the `minimum_time` plan is always refined.
     """
-    total, settings = found.best.total, problem.settings.sequence
-    few = len(problem.job.stages()) <= most or not problem.settings.spares
+    total, settings = result.best.total, problem.settings.sequence
+    few = len(problem.job.stages()) <= max_stages or not problem.settings.spares
     capped = problem.job.tool_speed is not None
     even = SCALING.damping(len(problem.job.stages()))
-    worth = dict.fromkeys(starts, np.inf if capped else settings.refined * even)
-    if MINIMUM_TIME in worth:
-        worth[MINIMUM_TIME] = np.inf if few or capped else settings.refined_moves * even
-    near = [name for name, rough in starts.items() if _length(rough) <= (1.0 + worth[name]) * total]
-    refined = choose_stages_with(problem, near)
+    allowed_excess = dict.fromkeys(starts, np.inf if capped else settings.refined * even)
+    if MINIMUM_TIME in allowed_excess:
+        allowed_excess[MINIMUM_TIME] = np.inf if few or capped else settings.refined_moves * even
+    rivals = [
+        name
+        for name, rough in starts.items()
+        if _length(rough) <= (1.0 + allowed_excess[name]) * total
+    ]
+    refined = choose_stages_with(problem, rivals)
     plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
-    # What a cap on the tools' speed costs is not known before a plan is timed exactly.
+    # Only exact timing shows the cost of a tool speed limit.
     longest = (1.0 + settings.alike * even) * total
     return tuple(plan for plan in plans if capped or _length(plan) <= longest)
 

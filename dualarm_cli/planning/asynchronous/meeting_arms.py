@@ -117,34 +117,34 @@ class MeetingBuffers:
         Args:
             place: step of the other arm when an arm, by its index, reaches a step.
         """
-        found = []
-        for a, own in enumerate(self._uses):
-            for name, uses in own.items():
+        rules = []
+        for a, arm_uses in enumerate(self._uses):
+            for name, uses in arm_uses.items():
                 for use in uses:
-                    there = place(a, use.event)
-                    gives = [
-                        other
-                        for other in self._uses[1 - a].get(name, ())
-                        if other.change != use.change and other.over <= there
+                    other_step = place(a, use.event)
+                    changes = [
+                        use_b
+                        for use_b in self._uses[1 - a].get(name, ())
+                        if use_b.change != use.change and use_b.over <= other_step
                     ]
-                    if gives and use.begins.rest >= 0:
+                    if changes and use.begins.rest >= 0:
                         lead = -use.begins.after
                         rest = use.begins.rest
-                        found.append(NotBefore(a, rest, "buffer", lead, gives[-1].ends))
-        return found
+                        rules.append(NotBefore(a, rest, "buffer", lead, changes[-1].ends))
+        return rules
 
     def _wrong(self, name: str, i: IntArray, j: IntArray) -> BoolArray:
         """Return whether a buffer lacks parts or room at pairs of steps."""
         buffer = self._job.buffers[name]
-        there = room = np.full(np.broadcast_shapes(i.shape, j.shape), buffer.initial)
-        for own, at, count in zip(self._uses, (i, j), self._steps, strict=True):
+        parts = room = np.full(np.broadcast_shapes(i.shape, j.shape), buffer.initial)
+        for arm_uses, at, count in zip(self._uses, (i, j), self._steps, strict=True):
             present, used = (np.zeros(count + 1, dtype=np.int64) for _ in range(2))
-            for use in own.get(name, ()):
-                # A part is there when its dwell is over and gone at the event; room is taken and free the other way.
+            for use in arm_uses.get(name, ()):
+                # A part is present from the end of its dwell to its removal; its room is occupied from event to end.
                 present[use.over if use.change > 0 else use.event :] += use.change
                 used[use.event if use.change > 0 else use.over :] += use.change
-            there, room = there + present[at], room + used[at]
-        return np.asarray((there < 0) | (room > buffer.capacity))
+            parts, room = parts + present[at], room + used[at]
+        return np.asarray((parts < 0) | (room > buffer.capacity))
 
 
 @dataclass(frozen=True)
@@ -206,12 +206,12 @@ class ArmCoordination:
         """
         if len(self.clocks) == 1:
             (clock,) = self.clocks
-            own = ClockSteps.of(clock.rests(), clock.duration, GRID.step)
-            return self._exact((own,), self._opens((own,)), lambda a, rest: False)
+            timeline = ClockSteps.of(clock.rests(), clock.duration, GRID.step)
+            return self._exact((timeline,), self._opens((timeline,)), lambda a, rest: False)
         for ahead in GRID.ahead:
-            found = self._waits(spread, ahead)
-            if found is not None:
-                return found
+            waits = self._waits(spread, ahead)
+            if waits is not None:
+                return waits
         return None
 
     def _waits(self, spread: int, ahead: float) -> tuple[list[Wait], ...] | None:
@@ -225,7 +225,7 @@ class ArmCoordination:
         buffers = uses.blocked(band)
         blocked |= buffers
         opens, after, needs = self._opens(steps), *self._after(steps)
-        found = quickest_path(
+        path = quickest_path(
             Diagram(
                 counts,
                 (steps[0].places, steps[1].places),
@@ -234,33 +234,33 @@ class ArmCoordination:
                 needs,
             )
         )
-        if found is None:
+        if path is None:
             return None
 
         def missed(a: int, rest: int) -> bool:
             place = steps[a].places[rest]
-            there = found.place(1 - a, found.arrival(a, place))
+            there = path.place(1 - a, path.arrival(a, place))
             return first_missed(
                 blocked, buffers, counts, (place, there) if a == 0 else (there, place)
             )
 
-        together = [
+        progress_rules = [
             NotBefore(
                 a,
-                own.places.index(place),
+                timeline.places.index(place),
                 "",
                 0.0,
                 steps[1 - a].reached(
-                    min(found.place(1 - a, found.departure(a, place)), counts[1 - a])
+                    min(path.place(1 - a, path.departure(a, place)), counts[1 - a])
                 ),
             )
-            for a, own in enumerate(steps)
-            for place, _ in found.waits[a]
+            for a, timeline in enumerate(steps)
+            for place, _ in path.waits[a]
         ]
-        served = uses.rules(lambda a, place: found.place(1 - a, found.arrival(a, place)))
+        buffer_rules = uses.rules(lambda a, place: path.place(1 - a, path.arrival(a, place)))
         rules = sorted(
-            [*opens, *after, *together, *served],
-            key=lambda rule: found.departure(rule.arm, steps[rule.arm].places[rule.rest]),
+            [*opens, *after, *progress_rules, *buffer_rules],
+            key=lambda rule: path.departure(rule.arm, steps[rule.arm].places[rule.rest]),
         )
         return self._exact(steps, rules, missed)
 
@@ -281,19 +281,23 @@ class ArmCoordination:
         if leaving is None:
             return None
         waits = []
-        for a, own in enumerate(steps):
-            why: dict[int, tuple[float, WaitReason]] = {}
+        for a, timeline in enumerate(steps):
+            reasons: dict[int, tuple[float, WaitReason]] = {}
             for rule in rules:
                 if rule.arm == a and rule.reason and rule.reason != "buffer":
-                    place = own.places[rule.rest]
-                    why[place] = max(
-                        why.get(place, (0.0, rule.reason)), (due(rule, leaving), rule.reason)
+                    place = timeline.places[rule.rest]
+                    reasons[place] = max(
+                        reasons.get(place, (0.0, rule.reason)), (due(rule, leaving), rule.reason)
                     )
             waits.append(
                 [
-                    Wait(time, length, "buffer" if missed(a, k) else _reason(own.places[k], why))
+                    Wait(
+                        time,
+                        length,
+                        "buffer" if missed(a, k) else _reason(timeline.places[k], reasons),
+                    )
                     for k, (time, length) in enumerate(
-                        zip(own.rests, waits_at(own, leaving[a]), strict=True)
+                        zip(timeline.rests, waits_at(timeline, leaving[a]), strict=True)
                     )
                     if length > SAME_TIME
                 ]
@@ -312,14 +316,14 @@ class ArmCoordination:
 
     def _blocked(self, steps: Sequence[ClockSteps], band: int, spread: int) -> BoolArray:
         """Compute colliding pairs of steps, grown, shape (steps + 1, 2 band + 1)."""
-        n, m = (own.count for own in steps)
+        n, m = (timeline.count for timeline in steps)
         shape = (n + 1, 2 * band + 1)
         blocked = np.zeros(shape, dtype=np.bool_)
         if self.cell is None:
             return blocked
         joints, held = [], []
-        for clock, own in zip(self.clocks, steps, strict=True):
-            time = own.times()
+        for clock, timeline in zip(self.clocks, steps, strict=True):
+            time = timeline.times()
             joints.append(clock.trajectory.at(time)[0])
             held.append(clock.held(time, self.cell, self.job))
         near = np.zeros(shape, dtype=np.bool_)
@@ -337,14 +341,14 @@ class ArmCoordination:
                 at = column - row + band
                 ok = (row >= 0) & (row <= n) & (at >= 0) & (at <= 2 * band)
                 near[row[ok], at[ok]] = True
-        look = near.ravel() & inside
-        touch = self._margins(joints, held, i[look], j[look]) < 0.0
-        blocked[i[look][touch], c[look][touch]] = True
-        # Where either arm may be late, it may still be where it was some steps before.
-        touching = blocked.copy()
+        candidates = near.ravel() & inside
+        collides = self._margins(joints, held, i[candidates], j[candidates]) < 0.0
+        blocked[i[candidates][collides], c[candidates][collides]] = True
+        # A late arm may still be at any of the previous steps.
+        punctual = blocked.copy()
         for late in range(1, int(np.ceil(self.cell.skew / steps[0].step)) + 1):
-            blocked[late:, :-late] |= touching[:-late, late:]
-            blocked[:, late:] |= touching[:, :-late]
+            blocked[late:, :-late] |= punctual[:-late, late:]
+            blocked[:, late:] |= punctual[:, :-late]
         for _ in range(spread):
             blocked = _grown(blocked)
         return blocked
@@ -352,17 +356,17 @@ class ArmCoordination:
     def _margins(
         self, joints: Sequence[FloatArray], held: Sequence[IntArray], i: IntArray, j: IntArray
     ) -> FloatArray:
-        assert self.cell is not None  # callers have looked
-        found = np.empty(len(i))
+        assert self.cell is not None  # checked by the callers
+        margins = np.empty(len(i))
         columns = [self.model.arms[clock.arm].columns for clock in self.clocks]
         for k in range(0, len(i), GRID.rows):
-            some = slice(k, k + GRID.rows)
-            position = np.tile(self.start, (len(i[some]), 1))
-            position[:, columns[0]] = joints[0][i[some]]
-            position[:, columns[1]] = joints[1][j[some]]
-            both = np.stack([held[0][i[some]], held[1][j[some]]], axis=1)
-            found[some] = self.cell.cross_margins(position, both)
-        return found
+            batch = slice(k, k + GRID.rows)
+            position = np.tile(self.start, (len(i[batch]), 1))
+            position[:, columns[0]] = joints[0][i[batch]]
+            position[:, columns[1]] = joints[1][j[batch]]
+            both = np.stack([held[0][i[batch]], held[1][j[batch]]], axis=1)
+            margins[batch] = self.cell.cross_margins(position, both)
+        return margins
 
     def _after(
         self, steps: Sequence[ClockSteps]
@@ -382,7 +386,7 @@ class ArmCoordination:
                     if name not in ends[1 - a]:
                         continue
                     over, other = ends[1 - a][name], steps[1 - a]
-                    # What takes no time is over when the arm goes on from where it begins.
+                    # A task without duration ends when the arm departs from its rest.
                     at_once = over <= begins[1 - a][name] + SAME_TIME
                     here = other.rest_at(over)
                     place = other.place_after(over)
@@ -395,52 +399,52 @@ class ArmCoordination:
 
     def _opens(self, steps: Sequence[ClockSteps]) -> list[NotBefore]:
         """List earliest departures due to platform moves and time windows."""
-        found: list[NotBefore] = []
+        rules: list[NotBefore] = []
         windows = {task.id: task.not_before for task in self.job.tasks}
-        for a, (clock, own) in enumerate(zip(self.clocks, steps, strict=True)):
+        for a, (clock, timeline) in enumerate(zip(self.clocks, steps, strict=True)):
             begins = clock.line_begins()
             firsts = {event.task: event.time for event in reversed(clock.events)}
-            if self.leave > 0.0 and own.rests:
-                found.append(NotBefore(a, 0, "platform", self.leave))
+            if self.leave > 0.0 and timeline.rests:
+                rules.append(NotBefore(a, 0, "platform", self.leave))
             if begins and self.ready > 0.0:
-                rest = own.rest_at(min(begins.values()))
+                rest = timeline.rest_at(min(begins.values()))
                 assert rest is not None  # tasks begin where arms rest
-                found.append(NotBefore(a, rest, "platform", self.ready))
+                rules.append(NotBefore(a, rest, "platform", self.ready))
             for name, begin in begins.items():
                 opens = windows[name] - (firsts[name] - begin)
-                rest = own.rest_at(begin)
+                rest = timeline.rest_at(begin)
                 if windows[name] > 0.0 and opens > 0.0 and rest is not None:
-                    found.append(NotBefore(a, rest, "window", opens))
-        return found
+                    rules.append(NotBefore(a, rest, "window", opens))
+        return rules
 
 
 def _in_steps(
     steps: Sequence[ClockSteps], opens: Sequence[NotBefore], arm: int
 ) -> tuple[tuple[int, int], ...]:
     """Convert an arm's earliest departures to steps."""
-    own = steps[arm]
+    timeline = steps[arm]
     return tuple(
-        (own.places[rule.rest], int(np.ceil(rule.time / own.step)))
+        (timeline.places[rule.rest], int(np.ceil(rule.time / timeline.step)))
         for rule in opens
         if rule.arm == arm
     )
 
 
-def _reason(place: int, why: Mapping[int, tuple[float, WaitReason]]) -> WaitReason:
-    """Returns what an arm waits for at a place: what holds there, or right after, at the next place with a reason."""
-    later = [other for other in sorted(why) if place <= other <= place + GRID.soon]
-    return why[later[0]][1] if later else "shared_zone"
+def _reason(place: int, reasons: Mapping[int, tuple[float, WaitReason]]) -> WaitReason:
+    """Return the reason of a wait: at its place, or the next one with a reason."""
+    places = [candidate for candidate in sorted(reasons) if place <= candidate <= place + GRID.soon]
+    return reasons[places[0]][1] if places else "shared_zone"
 
 
 def _grown(blocked: BoolArray) -> BoolArray:
     """Grow blocked pairs by one step of either arm or both."""
-    found = blocked.copy()
-    # The other arm one step on or back: the next column.
-    found[:, 1:] |= blocked[:, :-1]
-    found[:, :-1] |= blocked[:, 1:]
-    # Both: the next row. The first one alone: the next row, one column back.
-    found[1:] |= blocked[:-1]
-    found[:-1] |= blocked[1:]
-    found[1:, :-1] |= blocked[:-1, 1:]
-    found[:-1, 1:] |= blocked[1:, :-1]
-    return found
+    grown = blocked.copy()
+    # The other arm one step ahead or behind: the next column.
+    grown[:, 1:] |= blocked[:, :-1]
+    grown[:, :-1] |= blocked[:, 1:]
+    # Both: the next row. The first arm alone: the next row, one column back.
+    grown[1:] |= blocked[:-1]
+    grown[:-1] |= blocked[1:]
+    grown[1:, :-1] |= blocked[:-1, 1:]
+    grown[:-1, 1:] |= blocked[1:, :-1]
+    return grown

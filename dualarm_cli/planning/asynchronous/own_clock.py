@@ -79,15 +79,15 @@ class OwnClock:
 
         These are departures, starts of lines and starts of tasks without duration, if the arm is at rest there.
         """
-        found = list(self.line_begins().values())
+        candidates = list(self.line_begins().values())
         before = BEFORE_MOVING[0]  # with a free start the first line may begin at once
         for part in self.segments:
             to_line = before in BEFORE_MOVING and part.kind not in BEFORE_MOVING
             if part.kind in BEFORE_MOVING or to_line:
-                found.append(part.start)
+                candidates.append(part.start)
             before = part.kind
         rests: list[float] = []
-        for time in sorted(found):
+        for time in sorted(candidates):
             if (not rests or time > rests[-1] + SAME_TIME) and self._stands(time):
                 rests.append(time)
         return rests
@@ -101,11 +101,11 @@ class OwnClock:
 
         A bare move, without lines and dwell, begins at the arm's departure and ends on its arrival.
         """
-        found: dict[str, float] = {}
+        begins: dict[str, float] = {}
         before = BEFORE_MOVING[0]  # with a free start the first line may begin at once
         for part in self.segments:
             if before in BEFORE_MOVING and part.kind not in BEFORE_MOVING and part.kind != "wait":
-                found.setdefault(part.task, part.start)
+                begins.setdefault(part.task, part.start)
             before = part.kind
         for event in self.events:
             leaves = (
@@ -113,17 +113,17 @@ class OwnClock:
                 for part in self.segments
                 if part.kind in BEFORE_MOVING and abs(part.end - event.time) <= SAME_TIME
             )
-            if event.task not in found:
-                found[event.task] = min(leaves, default=event.time)
-        return found
+            if event.task not in begins:
+                begins[event.task] = min(leaves, default=event.time)
+        return begins
 
     def task_ends(self) -> dict[str, float]:
         """Return the end of each task, by the own clock [s]."""
-        found = {event.task: event.time + event.dwell for event in self.events}
+        ends = {event.task: event.time + event.dwell for event in self.events}
         for part in self.segments:
-            if part.task in found and part.kind not in ("wait", *BEFORE_MOVING):
-                found[part.task] = max(found[part.task], part.end)
-        return found
+            if part.task in ends and part.kind not in ("wait", *BEFORE_MOVING):
+                ends[part.task] = max(ends[part.task], part.end)
+        return ends
 
     def last_line(self) -> float:
         """Return the end of the last line or dwell, by the own clock [s]."""
@@ -138,27 +138,27 @@ class OwnClock:
             job: job with fixed arms and order.
         """
         tasks, number = {task.id: task for task in job.tasks}, cell.loads.number
-        found = np.full(len(time), number(job.held_at_start(self.arm)))
+        parts = np.full(len(time), number(job.held_at_start(self.arm)))
         begins = self._begins()
         for event in self.events:
             if event.task not in tasks:
                 continue
             task, began = tasks[event.task], begins[event.task, event.action]
-            found[time >= began - SAME_TIME] = number(task.held_before(event.action))
-            found[time >= event.changes_held - SAME_TIME] = number(task.held_after(event.action))
+            parts[time >= began - SAME_TIME] = number(task.held_before(event.action))
+            parts[time >= event.changes_held - SAME_TIME] = number(task.held_after(event.action))
         for start, end in self._lines():
             inside = (time >= start - SAME_TIME) & (time <= end + SAME_TIME)
-            found[inside] = cell.loads.on_lines(found[inside])
-        return found
+            parts[inside] = cell.loads.on_lines(parts[inside])
+        return parts
 
     def _begins(self) -> dict[tuple[str, str], float]:
         """Return the start of each stop's first line or dwell [s], by (task, action)."""
-        found = {(event.task, event.action): event.time for event in self.events}
+        begins = {(event.task, event.action): event.time for event in self.events}
         for part in self.segments:
             key = (part.task, part.action)
-            if part.kind in LINES and key in found:
-                found[key] = min(found[key], part.start)
-        return found
+            if part.kind in LINES and key in begins:
+                begins[key] = min(begins[key], part.start)
+        return begins
 
     def _lines(self) -> list[tuple[float, float]]:
         """Return the time spans of lines and dwells."""
@@ -208,9 +208,9 @@ class OwnClock:
 
         A stop without duration, because the arm is already there, follows its wait, and so does its event.
         """
-        own = [p for p in self.segments if (p.task, p.action) == (event.task, event.action)]
-        return not own or any(
-            part.kind in LINES and abs(part.start - event.time) <= SAME_TIME for part in own
+        segments = [p for p in self.segments if (p.task, p.action) == (event.task, event.action)]
+        return not segments or any(
+            part.kind in LINES and abs(part.start - event.time) <= SAME_TIME for part in segments
         )
 
 
@@ -297,9 +297,9 @@ class ClockSteps:
 
         They are exact at rests.
         """
-        found = np.minimum(self.step * np.arange(self.count + 1), self.duration)
-        found[list(self.places)] = self.rests
-        return found
+        times = np.minimum(self.step * np.arange(self.count + 1), self.duration)
+        times[list(self.places)] = self.rests
+        return times
 
     def rest_at(self, time: float) -> int | None:
         """Return the number of the rest at an instant, or None.
@@ -387,20 +387,21 @@ def leaving_times(
     Returns:
         Departures by arm, or None if arms wait for each other forever.
     """
-    found = [list(clock.rests) for clock in clocks]
-    for _ in range(sum(map(len, found)) + 2):
+    departures = [list(clock.rests) for clock in clocks]
+    for _ in range(sum(map(len, departures)) + 2):
         moved = False
         for rule in rules:
-            at = due(rule, found)
-            own, rests = found[rule.arm], clocks[rule.arm].rests
-            if own[rule.rest] >= at - SAME_TIME:
+            at = due(rule, departures)
+            arm_departures, rests = departures[rule.arm], clocks[rule.arm].rests
+            if arm_departures[rule.rest] >= at - SAME_TIME:
                 continue
             moved = True
-            own[rule.rest] = at
-            for k in range(rule.rest + 1, len(own)):
-                own[k] = max(own[k], own[k - 1] + rests[k] - rests[k - 1])
+            arm_departures[rule.rest] = at
+            for k in range(rule.rest + 1, len(arm_departures)):
+                rest = rests[k] - rests[k - 1]
+                arm_departures[k] = max(arm_departures[k], arm_departures[k - 1] + rest)
         if not moved:
-            return tuple(map(tuple, found))
+            return tuple(map(tuple, departures))
     return None
 
 

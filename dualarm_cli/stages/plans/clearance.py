@@ -112,9 +112,9 @@ class SequenceClearance:
             start: all joints [rad], shape (n, columns).
             end: all joints [rad], shape (n, columns).
         """
-        share = (np.arange(SAMPLES) + 1.0) / (SAMPLES + 1.0)
-        way = start[:, None] + share[:, None] * (end - start)[:, None]
-        return way.reshape(-1, start.shape[1])
+        fraction = (np.arange(SAMPLES) + 1.0) / (SAMPLES + 1.0)
+        samples = start[:, None] + fraction[:, None] * (end - start)[:, None]
+        return samples.reshape(-1, start.shape[1])
 
     def no_good_costs(self, stage: int, start: FloatArray, arrival: FloatArray) -> FloatArray:
         """Return the no-good costs of moves into a stage [s], shape (n,).
@@ -124,15 +124,15 @@ class SequenceClearance:
             start: joints before the moves [rad], shape (n, columns).
             arrival: joints after the moves [rad], shape (n, columns).
         """
-        found = np.zeros(len(start))
+        costs = np.zeros(len(start))
         for no_good in self.no_goods:
             if no_good.stage != stage:
                 continue
             columns = list(no_good.columns)
-            like = np.abs(arrival - no_good.arrival)[:, columns].max(axis=1) <= (
+            matches = np.abs(arrival - no_good.arrival)[:, columns].max(axis=1) <= (
                 ALIKE if no_good.start is None else LIKE
             )
             if no_good.start is not None:
-                like &= np.abs(start - no_good.start)[:, columns].max(axis=1) <= LIKE
-            found[like] = np.maximum(found[like], no_good.cost)
-        return found
+                matches &= np.abs(start - no_good.start)[:, columns].max(axis=1) <= LIKE
+            costs[matches] = np.maximum(costs[matches], no_good.cost)
+        return costs

@@ -58,7 +58,7 @@ class Pool:
         for m in distinct(picked):
             decisions = decisions.put(np.nonzero(picked == m)[0], self.plans[m])
         if self.problem.has_arm_angles:
-            # That is quick, and the last bits do not depend on how many plans there are.
+            # Closed forms are fast, and their last bits do not depend on the number of plans.
             return evaluate(self.problem, decisions)
         stage = np.arange(len(picked))
         arms = tuple(
@@ -105,27 +105,27 @@ def combined(
     """
     cost = stage_costs(problem, best, pool.arms, pool.angle)
     closing = closing_costs(problem, best, pool.arms, pool.angle)
-    worth = best.total
+    objective = best.total
     raised: set[tuple[int, int, int]] = set()
     if problem.clearance is not None:
         clear = plan_clearance(problem, best)
-        worth += clear.penalty
+        objective += clear.penalty
         _raise_blocked(cost, closing, np.zeros(len(cost), dtype=np.int64), clear, raised)
     for _ in range(problem.settings.clear_tries):
         picked = _shortest(cost, closing)
-        if not picked.any() or not _length(cost, closing, picked) < worth:
+        if not picked.any() or not _length(cost, closing, picked) < objective:
             break
         result = pool.plan(picked)
-        if result.total < worth:
+        if result.total < objective:
             result = judged(result)
-            lacking = np.flatnonzero(np.isinf(result.stages))
-            cost[lacking, :, picked[lacking]] = np.inf
-            if len(lacking):
+            infeasible = np.flatnonzero(np.isinf(result.stages))
+            cost[infeasible, :, picked[infeasible]] = np.inf
+            if len(infeasible):
                 continue
         if problem.clearance is None:
-            return result if result.total < worth else best
+            return result if result.total < objective else best
         clear = plan_clearance(problem, result)
-        if result.total + clear.penalty < worth:
+        if result.total + clear.penalty < objective:
             return result
         if not _raise_blocked(cost, closing, picked, clear, raised):
             break
@@ -159,9 +159,9 @@ def _raise_blocked(
         raised: (stage, choices) whose costs were raised already, added to.
     """
     n, before = len(picked), np.concatenate([[0], picked[:-1]])
-    news = False
+    is_changed = False
     for k in np.flatnonzero(~clear.stops).tolist():
-        news |= bool(np.isfinite(cost[k, :, picked[k]]).any())
+        is_changed |= bool(np.isfinite(cost[k, :, picked[k]]).any())
         cost[k, :, picked[k]] = np.inf
     for k in np.flatnonzero(~clear.moves | (clear.waits > 0.0)).tolist():
         table, place = (
@@ -170,9 +170,9 @@ def _raise_blocked(
         key = (k, int(place[0]), int(place[1]))
         if key not in raised:
             raised.add(key)
-            news = True
+            is_changed = True
             table[place] += clear.waits[k] if clear.moves[k] else np.inf
-    return news
+    return is_changed
 
 
 def candidates_of(
@@ -192,15 +192,21 @@ def candidates_of(
             for field in fields(ArmDecisions)
         )
     )
-    found = postures(problem, a, stage, angle.ravel(), candidates)
-    parts = {field.name: getattr(found, field.name) for field in fields(CandidatePostures)}
+    candidates_with_joints = postures(problem, a, stage, angle.ravel(), candidates)
+    parts = {
+        field.name: getattr(candidates_with_joints, field.name)
+        for field in fields(CandidatePostures)
+    }
     return CandidatePostures(**{name: x.reshape(n, m, *x.shape[1:]) for name, x in parts.items()})
 
 
 def stage_costs(
-    problem: SequenceProblem, best: Evaluated, found: list[CandidatePostures], angle: FloatArray
+    problem: SequenceProblem,
+    best: Evaluated,
+    candidates: list[CandidatePostures],
+    angle: FloatArray,
 ) -> FloatArray:
-    """Returns the length of every stage for every plan before and in it [s], shape (n, m, m)."""
+    """Compute stage durations by the plans before and in it [s], shape (n, m, m)."""
     n, m = angle.shape
     before = np.empty((n, m))
     before[1:] = angle[:-1]
@@ -209,24 +215,24 @@ def stage_costs(
     if problem.free_start:
         moved[0] = 0.0
     waiting = platform_times(problem, moved)
-    arrived, spent = np.zeros((2, len(found), n, m, m))
-    rows = zip(problem.arms, found, best.arms, strict=True)
-    for a, (work, arm, now) in enumerate(rows):
+    arrived, work_times = np.zeros((2, len(candidates), n, m, m))
+    rows = zip(problem.arms, candidates, best.arms, strict=True)
+    for a, (work, arm, best_postures) in enumerate(rows):
         chain = TransferChain.of(work)
         k = chain.active
         if not len(k):
             continue
-        came = chain.previous[k]
+        previous = chain.previous[k]
         q_from = np.empty((len(k), m, work.joints))
-        q_from[:] = start_joints(problem, work, chain, now)
-        later = came >= 0
-        q_from[later] = now.q_retract[came[later], None]
-        next_door = later & (came == k - 1)
-        q_from[next_door] = arm.q_retract[came[next_door]]
+        q_from[:] = start_joints(problem, work, chain, best_postures)
+        has_previous = previous >= 0
+        q_from[has_previous] = best_postures.q_retract[previous[has_previous], None]
+        is_adjacent = has_previous & (previous == k - 1)
+        q_from[is_adjacent] = arm.q_retract[previous[is_adjacent]]
         if problem.launches is not None:
             rates = np.empty((len(k), m, 2, work.joints))
-            rates[:] = left_with(now, came)[:, None]
-            rates[next_door] = arm.rates[came[next_door], :, 1]
+            rates[:] = left_with(best_postures, previous)[:, None]
+            rates[is_adjacent] = arm.rates[previous[is_adjacent], :, 1]
             arriving = arm.q_approach[k], arm.rates[k, :, 0]
             transfer = transfer_times(work, (q_from, rates), arriving)
         else:
@@ -234,16 +240,19 @@ def stage_costs(
         if problem.free_start and k[0] == 0:
             transfer[0] = 0.0
         arrived[a, k] = np.maximum(transfer, waiting[k])
-        spent[a, k] = arm.work[k][:, None, :]
-    return stage_length(arrived, spent, together=problem.hands_over[:, None, None])
+        work_times[a, k] = arm.work[k][:, None, :]
+    return stage_length(arrived, work_times, together=problem.hands_over[:, None, None])
 
 
 def closing_costs(
-    problem: SequenceProblem, best: Evaluated, found: list[CandidatePostures], angle: FloatArray
+    problem: SequenceProblem,
+    best: Evaluated,
+    candidates: list[CandidatePostures],
+    angle: FloatArray,
 ) -> FloatArray:
-    """Returns the length of the return for every plan of the last stage and of the first one [s], shape (m, m).
+    """Compute return durations by the last and first stage's plans [s], shape (m, m).
 
-    The first stage tells only where the start is free, as a cycle then closes wherever its first transfer would end.
+    The first stage matters only if the start is free: the cycle then closes at the end of its first transfer.
     """
     n, m = angle.shape
     if not problem.returns:
@@ -253,15 +262,15 @@ def closing_costs(
         home = angle[0] if problem.free_start else problem.platform_start[:1]
     closing = np.zeros((m, m))
     closing[:] = platform_times(problem, home[None, :] - angle[-1, :, None])
-    for work, arm, now in zip(problem.arms, found, best.arms, strict=True):
+    for work, arm, best_postures in zip(problem.arms, candidates, best.arms, strict=True):
         chain = TransferChain.of(work)
         if not len(chain.active) or chain.active[-1] != n - 1:
             continue
-        start = start_joints(problem, work, chain, now)[None]
+        start = start_joints(problem, work, chain, best_postures)[None]
         if problem.free_start and chain.active[0] == 0:
             start = arm.q_approach[0]
-        back = work.law.duration(start[None, :, :] - arm.q_retract[-1][:, None, :])
-        np.maximum(closing, back, out=closing)
+        return_times = work.law.duration(start[None, :, :] - arm.q_retract[-1][:, None, :])
+        np.maximum(closing, return_times, out=closing)
     return closing
 
 

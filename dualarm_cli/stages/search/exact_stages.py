@@ -45,8 +45,8 @@ def shared_intervals(problem: SequenceProblem, stage: int, around: Interval) -> 
     for a, work in enumerate(problem.arms):
         if work.stops[stage] is None:
             continue
-        own = _intervals(problem, a, stage, around)
-        both = [(max(p[0], q[0]), min(p[1], q[1])) for p in shared for q in own]
+        arm_intervals = _intervals(problem, a, stage, around)
+        both = [(max(p[0], q[0]), min(p[1], q[1])) for p in shared for q in arm_intervals]
         shared = sorted((low, high) for low, high in both if low <= high)
     return shared
 
@@ -55,7 +55,7 @@ def spread(intervals: Sequence[Interval], count: int) -> FloatArray:
     """Spread a number of angles over intervals, ascending [rad], shape (c,)."""
     if not intervals:
         return np.zeros(0)
-    widest = sorted(intervals, key=lambda one: one[0] - one[1])[:count]
+    widest = sorted(intervals, key=lambda interval: interval[0] - interval[1])[:count]
     width = np.array([high - low for low, high in widest])
     spare = count - len(widest)
     shares = width / max(float(width.sum()), 1e-12)
@@ -166,7 +166,7 @@ def _intervals(problem: SequenceProblem, a: int, stage: int, around: Interval) -
     """Find the platform angles from which one arm reaches its stop [rad]."""
     stop = problem.arms[a].stops[stage]
     if stop is None or stop.configurations is not None:
-        # Given configurations turn with the platform: what holds at one angle holds at all.
+        # Given configurations turn with the platform: reach does not depend on its angle.
         return [around]
 
     settings = problem.settings
@@ -206,18 +206,18 @@ def _arcs(
     """Sample platform angles at which a stop's points are within reach [rad]."""
     R, points = _poses(problem, a, stage, np.zeros(len(yaws)), yaws)
     arm = problem.arms[a].closed_form
-    found, count = [], problem.settings.angles_in_reach
+    angles, count = [], problem.settings.angles_in_reach
     for wrists in arm.wrist_center(R, points):
         arcs = [around]
         for wrist in wrists:
             if problem.platform.is_rail:
-                own = reachable_spans(arm, wrist)
+                reachable = reachable_spans(arm, wrist)
             else:
                 cells = reachable_cells(arm, wrist, np.array(around))
-                own = list(zip(cells.low.tolist(), cells.high.tolist(), strict=True))
-            arcs = [(max(p[0], q[0]), min(p[1], q[1])) for q in own for p in arcs]
-        found += [np.linspace(*arc, count) for arc in arcs if arc[0] <= arc[1]]
-    return found
+                reachable = list(zip(cells.low.tolist(), cells.high.tolist(), strict=True))
+            arcs = [(max(p[0], q[0]), min(p[1], q[1])) for q in reachable for p in arcs]
+        angles += [np.linspace(*arc, count) for arc in arcs if arc[0] <= arc[1]]
+    return angles
 
 
 def _runs(
@@ -235,9 +235,9 @@ def _runs(
         [angles[np.maximum(begins - 1, 0)], angles[np.minimum(ends + 1, len(angles) - 1)]]
     )
     parts, rows = 32, np.arange(len(inner))
-    share = np.arange(parts + 1) / parts
+    fraction = np.arange(parts + 1) / parts
     for _ in range(rounds):
-        between = inner[:, None] + share * (outer - inner)[:, None]
+        between = inner[:, None] + fraction * (outer - inner)[:, None]
         within = feasible(between[:, 1:].ravel()).reshape(len(inner), parts)
         # The last one before the first that is not; where all are, the outer end is no end.
         last = np.where(within.all(axis=1), parts, within.argmin(axis=1))
@@ -339,7 +339,7 @@ class ExactStages:
             most: maximum number of nodes of one stop.
             spares: margins beyond the required clearance [m]; each is tried if the previous one leaves no angle.
         """
-        # Whether there are angles at all is known long before the nodes at them.
+        # Shared angles are found much faster than the nodes at them.
         if problem.turns and not all(self.shared(k) for k in stages):
             return None
         layers = [list(arm.layers) for arm in arms]
@@ -454,17 +454,17 @@ def _apart(
     test = problem.clearance
     if test is None:
         return free
-    one, other = nodes
-    assert one is not None  # callers ask for stages in which both work
-    assert other is not None
-    most = problem.settings.own_pairs
+    left, right = nodes
+    assert left is not None  # callers ask for stages in which both work
+    assert right is not None
+    max_pairs = problem.settings.own_pairs
     for f in shared.tolist():
-        rows = [np.flatnonzero(own.angle_index == f) for own in (one, other)]
-        some = [r[np.linspace(0, len(r) - 1, min(len(r), most)).astype(int)] for r in rows]
-        i, j = (x.ravel() for x in np.meshgrid(*some, indexing="ij"))
-        places = [(one.q_retract[i], other.q_retract[j], test.after[k])]
+        rows = [np.flatnonzero(nodes_of_arm.angle_index == f) for nodes_of_arm in (left, right)]
+        chosen = [r[np.linspace(0, len(r) - 1, min(len(r), max_pairs)).astype(int)] for r in rows]
+        i, j = (x.ravel() for x in np.meshgrid(*chosen, indexing="ij"))
+        places = [(left.q_retract[i], right.q_retract[j], test.after[k])]
         if test.handing[k]:
-            places.append((one.decisions.near[i], other.decisions.near[j], test.at_targets[k]))
+            places.append((left.decisions.near[i], right.decisions.near[j], test.at_targets[k]))
         clear = np.ones(len(i), dtype=np.bool_)
         for q, r, held in places:
             position = test.positions(np.full(len(i), angles[f]), [q, r])

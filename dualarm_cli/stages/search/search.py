@@ -69,8 +69,8 @@ def search(
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
         narrow = _searched(next(_with_room(problem)), starts, one_grid, seed)
         others = [] if narrow is None or narrow.is_infeasible else [narrow.best.decisions]
-    found = _searched(problem, (*starts, *others), how, seed, further, others)
-    return None if found is None else replace(found, with_margin=tuple(others))
+    result = _searched(problem, (*starts, *others), how, seed, further, others)
+    return None if result is None else replace(result, with_margin=tuple(others))
 
 
 def _searched(
@@ -82,35 +82,41 @@ def _searched(
     others: Sequence[Decisions] = (),
 ) -> SequenceResult | None:
     """Search with one set of position limits, see `search`; `others` are blended plans."""
-    asked, problem = problem, replace(problem, launches=None)
+    problem_in_motion, problem = problem, replace(problem, launches=None)
     exact, polishing = ExactStages(problem), Polishing(problem, seed)
-    made = map_halves(
+    grids = map_halves(
         lambda meshes: [plans_on_nodes(problem, exact, mesh, how.plans) for mesh in meshes],
         how.meshes,
     )
-    bound = made[0].bound
-    total = made[0].plans[0][0].total if made[0].plans else None
-    on_nodes = [one for found in made for one in found.plans]
+    bound = grids[0].bound
+    total = grids[0].plans[0][0].total if grids[0].plans else None
+    on_nodes = [node_plan for grid in grids for node_plan in grid.plans]
     possible = any(path.is_possible for path, _ in on_nodes)
     pool = [evaluate(problem, start) for start in (*further(possible), *starts)]
     if not pool and on_nodes and not possible:
-        return SequenceResult(min(on_nodes, key=lambda one: one[0].total)[1], bound, total, True)
+        return SequenceResult(
+            min(on_nodes, key=lambda node_plan: node_plan[0].total)[1], bound, total, True
+        )
     pool += [plan for _, plan in on_nodes]
     pool = best_of_each_kind(problem, [plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
         return None
     best, tried = combination(polishing, pool, how)
     for _ in range(how.local_rounds):
-        around = plans_on_nodes(problem, exact, how.local, how.plans, best).plans
+        plans_around = plans_on_nodes(problem, exact, how.local, how.plans, best).plans
         before = best.total
-        pool = [best, *(plan for _, plan in around)]
-        best, more = combination(polishing, pool, how)
-        tried += more
+        pool = [best, *(plan for _, plan in plans_around)]
+        best, polished = combination(polishing, pool, how)
+        tried += polished
         if best.total > (1.0 - problem.settings.least_grid_gain) * before:
             break
-    rivals = _apart(problem, best, tried)[: how.rivals] if asked.launches is not None else []
+    rivals = (
+        _apart(problem, best, tried)[: how.rivals] if problem_in_motion.launches is not None else []
+    )
     given = [evaluate(problem, decisions) for decisions in others]
-    best = polished_thoroughly(replace(polishing, problem=asked), best, how, (rivals, given))
+    best = polished_thoroughly(
+        replace(polishing, problem=problem_in_motion), best, how, (rivals, given)
+    )
     return SequenceResult(best, bound, total)
 
 
@@ -118,16 +124,16 @@ def _apart(
     problem: SequenceProblem, best: Evaluated, plans: Sequence[Evaluated]
 ) -> list[Evaluated]:
     """Select the plans, best first, that differ in platform angles or kind."""
-    found = [best]
-    for plan in sorted(plans, key=lambda plan: _worth(problem, plan)):
+    selected = [best]
+    for plan in sorted(plans, key=lambda plan: _objective(problem, plan)):
         angle, kind = plan.decisions.angle, plan.decisions.kind
         if all(
             np.abs(angle - other.decisions.angle).max() > problem.settings.same_angle
             or kind != other.decisions.kind
-            for other in found
+            for other in selected
         ):
-            found.append(plan)
-    return found[1:]
+            selected.append(plan)
+    return selected[1:]
 
 
 def polished_thoroughly(
@@ -154,10 +160,10 @@ def polished_thoroughly(
     if len(found) == 1:
         return found[0]
     moving = [with_best_launches(problem, plan) for plan in found]
-    k = min(range(len(moving)), key=lambda k: _worth(*moving[k]))
+    k = min(range(len(moving)), key=lambda k: _objective(*moving[k]))
     beside = [plan.decisions for plan in found[:k] + found[k + 1 :]]
     best = best_combination(moving[k][0], moving[k][1], beside)
-    # The ways that go best with it are known.
+    # Its best launches are known, so the first cycle is skipped.
     return polished(range(1, how.cycles), [evaluate(at_rest.problem, best.decisions)])[0]
 
 
@@ -173,7 +179,7 @@ def polished_in_motion(
     polishing: Polishing, how: SearchEffort, cycles: range, plans: Sequence[Evaluated]
 ) -> list[Evaluated]:
     """Polish plans with line ends in motion; return them timed at rest."""
-    problem, found = polishing.problem, list[Evaluated]()
+    problem, polished = polishing.problem, list[Evaluated]()
     for plan in plans:
         best = plan
         for cycle in cycles:
@@ -183,8 +189,8 @@ def polished_in_motion(
                 moving, start = problem, evaluate(problem, best.decisions)
             moved = replace(polishing, problem=moving, seed=polishing.seed + cycle)
             best = moved.polished(start, how.passing_rounds, how.random_steps)
-        found.append(evaluate(polishing.at_rest.problem, best.decisions))
-    return found
+        polished.append(evaluate(polishing.at_rest.problem, best.decisions))
+    return polished
 
 
 def search_in_parts(
@@ -240,7 +246,7 @@ def _with_room(part: SequenceProblem) -> Iterator[SequenceProblem]:
     """Yield a problem with narrowed position limits, if given, then without."""
     if part.with_margin:
         arms = zip(part.with_margin, part.arms, strict=True)
-        narrow = (replace(one, stops=own.stops, start=own.start) for one, own in arms)
+        narrow = (replace(narrowed, stops=work.stops, start=work.start) for narrowed, work in arms)
         yield replace(part, arms=tuple(narrow), with_margin=())
     yield replace(part, with_margin=())
 
@@ -285,7 +291,7 @@ def search_near(
             found.append(next((one for one in tried if one is not None), None))
         return found
 
-    # Where nothing near the plan will do, something far from it may, with more stages.
+    # If no plan nearby is clear, search the whole range with more neighbours.
     for mesh, more in ((how.near, 0), (how.meshes[0], problem.settings.further_neighbours)):
         loose = _beside(loose, more)
         stretches = loose_stretches(problem, plan, loose)
@@ -302,7 +308,7 @@ def search_near(
         return plan
     if loose.all() or problem.stages < problem.settings.in_parts or not how.spares:
         return None
-    # Nothing there is as clear as is asked for: what touches least is for an exact test and for repairs.
+    # No plan has the search's margin: leave the least colliding one to the exact test and repairs.
     decisions = plan.decisions
     for stretch in loose_stretches(problem, plan, loose):
         if len(stretch.stages) == problem.stages:
@@ -331,34 +337,34 @@ def _near(
         effort: effort of the search and its grid.
         seed: seed of the random polishing steps.
     """
-    asked, loose = stretch.problem, np.array(stretch.loose)
-    problem = replace(asked, launches=None)
+    problem_in_motion, loose = stretch.problem, np.array(stretch.loose)
+    problem = replace(problem_in_motion, launches=None)
     how, mesh = effort
     near = given.take(stretch.stages)
     start = evaluate(problem, near)
-    known = set(np.flatnonzero(np.isin(stretch.stages, list(colliding_stages))).tolist())
+    colliding = set(np.flatnonzero(np.isin(stretch.stages, list(colliding_stages))).tolist())
     exact = ExactStages(problem)
     while True:
-        found = plans_on_nodes(problem, exact, mesh, how.plans, start, loose)
-        # Nodes are in single precision; what is not looked at stays as it was to the last bit.
-        around = [
+        grid = plans_on_nodes(problem, exact, mesh, how.plans, start, loose)
+        # Nodes are in single precision; fixed stages keep their decisions to the last bit.
+        plans = [
             evaluate(problem, plan.decisions.put(np.flatnonzero(~loose), near))
-            for path, plan in found.plans
+            for path, plan in grid.plans
             if path.is_possible
         ]
-        lacking = [k for k in found.lacking or _never_clear(problem, around) if loose[k]]
-        # What is known to collide must not stay as it is where there are nodes.
-        if not lacking or (around and not known.isdisjoint(lacking)):
+        lacking = [k for k in grid.lacking or _never_clear(problem, plans) if loose[k]]
+        # Colliding stages must not keep their decisions if they have nodes.
+        if not lacking or (plans and not colliding.isdisjoint(lacking)):
             break
         loose[lacking] = False
         problem = _settled(problem, lacking)
-    if not around:
+    if not plans:
         return None
     polishing = Polishing(problem, seed, loose)
-    best, _ = combination(polishing, [*around, start], how)
-    moving = replace(problem, launches=asked.launches)
+    best, _ = combination(polishing, [*plans, start], how)
+    moving = replace(problem, launches=problem_in_motion.launches)
     best = polished_thoroughly(replace(polishing, problem=moving), best, how)
-    return best.decisions if np.isfinite(_worth(problem, best)) else None
+    return best.decisions if np.isfinite(_objective(problem, best)) else None
 
 
 def _never_clear(problem: SequenceProblem, plans: Sequence[Evaluated]) -> list[int]:
@@ -372,7 +378,7 @@ def _never_clear(problem: SequenceProblem, plans: Sequence[Evaluated]) -> list[i
 def _settled(problem: SequenceProblem, stages: Sequence[int]) -> SequenceProblem:
     """Mark further stages as fixed, to be decided by the exact test."""
     test = problem.clearance
-    assert test is not None  # callers ask where something has to be collision-free
+    assert test is not None  # called with collision checking only
     return replace(problem, clearance=replace(test, settled=test.settled.union(stages)))
 
 
@@ -382,7 +388,7 @@ def search_effort(problem: SequenceProblem, effort: str) -> SearchEffort:
     if problem.has_arm_angles:
         return how.for_stages(problem.stages)
     how = how.for_general_arms(problem.stages)
-    # Where every configuration is given there is nothing around a plan.
+    # With all configurations given, a plan has no neighbourhood.
     return how if Variables.of(problem).count else replace(how, local_rounds=0)
 
 
@@ -420,7 +426,7 @@ def combination(
     if len(pool) == 1 and not how.local_rounds:
         return pool[0], []
     problem, settings = polishing.problem, polishing.problem.settings
-    worth = [_worth(problem, plan) for plan in pool]
+    worth = [_objective(problem, plan) for plan in pool]
     limit = (1.0 + settings.promising) * min(worth)
     promising = [k for k, own in enumerate(worth) if own <= limit]
     if problem.stages > SCALING.long and how.spares:
@@ -429,19 +435,19 @@ def combination(
         lambda some: [polishing.polished(pool[k], how.trial_rounds, 0) for k in some],
         promising,
     )
-    tried.sort(key=lambda plan: _worth(problem, plan))
+    tried.sort(key=lambda plan: _objective(problem, plan))
     others = [plan.decisions for plan in (*tried[1:], *pool)]
     return best_combination(problem, tried[0], others), tried
 
 
-def _worth(problem: SequenceProblem, plan: Evaluated) -> float:
-    """Returns a plan's length, with what collides counted in [s]."""
+def _objective(problem: SequenceProblem, plan: Evaluated) -> float:
+    """Compute a plan's objective: duration plus collision penalty [s]."""
     return plan.total + plan_clearance(problem, plan).penalty
 
 
 def best_of_each_kind(problem: SequenceProblem, pool: list[Evaluated]) -> list[Evaluated]:
     """Return the best plan of each kind: same branches, targets and yaws."""
     best: dict[bytes, Evaluated] = {}
-    for plan in sorted(pool, key=lambda plan: _worth(problem, plan)):
+    for plan in sorted(pool, key=lambda plan: _objective(problem, plan)):
         best.setdefault(plan.decisions.kind, plan)
     return list(best.values())

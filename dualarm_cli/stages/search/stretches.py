@@ -48,16 +48,16 @@ def loose_stretches(problem: SequenceProblem, plan: Evaluated, loose: BoolArray)
     chains = [TransferChain.of(work) for work in problem.arms]
     if loose.all() or (problem.returns and loose[_closing(problem, chains)].any()):
         return [Stretch(problem, np.arange(n), loose)]
-    found: list[tuple[int, int]] = []
+    spans: list[tuple[int, int]] = []
     for k in np.flatnonzero(loose).tolist():
-        past = max([min(k + 1, n - 1), *(_next(problem, one, k) for one in chains)]) + 1
-        if found and k < found[-1][1]:
-            found[-1] = found[-1][0], max(past, found[-1][1])
+        past = max([min(k + 1, n - 1), *(_next(problem, chain, k) for chain in chains)]) + 1
+        if spans and k < spans[-1][1]:
+            spans[-1] = spans[-1][0], max(past, spans[-1][1])
         else:
-            found.append((k, past))
+            spans.append((k, past))
     return [
         Stretch(stretch_of(problem, *span, plan), np.arange(*span), loose[slice(*span)])
-        for span in found
+        for span in spans
     ]
 
 
@@ -72,7 +72,7 @@ def _next(problem: SequenceProblem, chain: TransferChain, k: int) -> int:
 
 def _closing(problem: SequenceProblem, chains: list[TransferChain]) -> list[int]:
     """Return the stages that determine the return."""
-    last = [problem.stages - 1, *(int(one.active[-1]) for one in chains if len(one.active))]
+    last = [problem.stages - 1, *(int(chain.active[-1]) for chain in chains if len(chain.active))]
     return [*last, 0] if problem.free_start else last
 
 
