@@ -155,11 +155,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     short = numbers.stages <= SCALING.short and numbers.launches is not None
     if problem.without_margin is not None and (in_parts or short):
         # Plans with a margin are candidates of the search with the robot's limits.
-        model, job, with_margin = (
-            problem.without_margin.model,
-            problem.without_margin.job,
-            numbers.arms,
-        )
+        limits = problem.without_margin
+        model, job, with_margin = limits.model, limits.job, numbers.arms
         problem = replace(problem, model=model, job=job, without_margin=None)
         numbers = replace(_numbers(problem), with_margin=with_margin)
     # Long orders come with a plan that the slow simpler methods do not reach.
@@ -174,15 +171,11 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    starts_greedy = len(job.stages()) <= problem.settings.search.begun
+    greedy = len(job.stages()) <= problem.settings.search.begun
 
     def simpler_starts(on_grid: bool) -> list[Decisions]:
         nonlocal starts, failure
-        if (
-            given
-            or general
-            or (not starts_greedy if on_grid else problem.without_margin is not None)
-        ):
+        if given or general or (not greedy if on_grid else problem.without_margin is not None):
             return []
         starts, failure = _starts(problem)
         return [decisions_of(numbers, model, stages) for stages in starts.values()]
@@ -205,9 +198,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     # A blended search restarts from its own plan and seldom loses against simpler plans.
     blends = numbers.launches is not None
     few = problem.settings.search.refined if blends else numbers.settings.few_stages
-    narrowed = (
-        stage_plans(model, job, numbers, decisions, "sequence") for decisions in result.with_margin
-    )
+    narrowed = (stage_plans(model, job, numbers, plan, "sequence") for plan in result.with_margin)
     alternatives = *_rivals(problem, starts, result, few), *narrowed
     # The grid's bound ignores the cost of clearance, the plan on the grid includes it.
     gap = _grid_gap(result) if problem.holding is None else None
@@ -245,8 +236,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     if not (problem.blends and is_supported and lines):
         return numbers
     if problem.without_margin is not None:
-        job_without_margin = problem.without_margin.job
-        limits = job_without_margin.limits
+        limits = problem.without_margin.job.limits
         arms = (
             replace(work, robot_limits=limits.select(work.limits.joints)) for work in numbers.arms
         )
@@ -291,10 +281,7 @@ def _grid_gap(result: SequenceResult) -> float | None:
 
 
 def _rivals(
-    problem: MethodProblem,
-    starts: dict[str, list[StagePlan]],
-    result: SequenceResult,
-    max_stages: int,
+    problem: MethodProblem, starts: dict[str, list[StagePlan]], result: SequenceResult, few: int
 ) -> tuple[list[StagePlan], ...]:
     """Refine the simpler plans that exact timing may show to be as fast.
 
@@ -302,20 +289,17 @@ def _rivals(
         problem: the problem of the method.
         starts: unrefined plans of the simpler methods.
         result: result of the search.
-        max_stages: number of stages up to which the `minimum_time` plan is always refined.
+        few: number of stages up to which the `minimum_time` plan is always refined.
     """
     total, settings = result.best.total, problem.settings.sequence
-    few = len(problem.job.stages()) <= max_stages or not problem.settings.spares
+    is_short = len(problem.job.stages()) <= few or not problem.settings.spares
     capped = problem.job.tool_speed is not None
     even = SCALING.damping(len(problem.job.stages()))
-    allowed_excess = dict.fromkeys(starts, np.inf if capped else settings.refined * even)
-    if MINIMUM_TIME in allowed_excess:
-        allowed_excess[MINIMUM_TIME] = np.inf if few or capped else settings.refined_moves * even
-    rivals = [
-        name
-        for name, rough in starts.items()
-        if _length(rough) <= (1.0 + allowed_excess[name]) * total
-    ]
+    excess = dict.fromkeys(starts, np.inf if capped else settings.refined * even)
+    if MINIMUM_TIME in excess:
+        excess[MINIMUM_TIME] = np.inf if is_short or capped else settings.refined_moves * even
+    limits = {name: (1.0 + share) * total for name, share in excess.items()}
+    rivals = [name for name, rough in starts.items() if _length(rough) <= limits[name]]
     refined = choose_stages_with(problem, rivals)
     plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
     # Only exact timing shows the cost of a tool speed limit.

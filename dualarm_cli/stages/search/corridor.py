@@ -192,11 +192,8 @@ def candidates_of(
             for field in fields(ArmDecisions)
         )
     )
-    candidates_with_joints = postures(problem, a, stage, angle.ravel(), candidates)
-    parts = {
-        field.name: getattr(candidates_with_joints, field.name)
-        for field in fields(CandidatePostures)
-    }
+    rows = postures(problem, a, stage, angle.ravel(), candidates)
+    parts = {field.name: getattr(rows, field.name) for field in fields(CandidatePostures)}
     return CandidatePostures(**{name: x.reshape(n, m, *x.shape[1:]) for name, x in parts.items()})
 
 
