@@ -48,7 +48,7 @@ class MethodProblem:
 
     A method may plan with both. If its grid has no plan it refuses, and this problem is solved next."""
     blending: Blending = STOPPING
-    """Rule of which targets and line ends are passed in motion."""
+    """Rule for passing targets and line ends in motion."""
     repair_touching_stops: bool = True
     """Whether stages with colliding stops are repaired and re-planned; otherwise the order is changed."""
 

@@ -25,13 +25,13 @@ def _needs_turntable(problem: MethodProblem) -> str | None:
 
 
 def _served(
-    name: str, own: Callable[[MethodProblem], str | None] = lambda _: None
+    name: str, method_reason: Callable[[MethodProblem], str | None] = lambda _: None
 ) -> Callable[[MethodProblem], str | None]:
     """Explain why a robot does not support a method with its redundancy solver; None if supported."""
 
     def why(problem: MethodProblem) -> str | None:
         robot = problem.job.cell.robot
-        return why_unserved(name, problem.redundancy, robot) or own(problem)
+        return why_unserved(name, problem.redundancy, robot) or method_reason(problem)
 
     return why
 

@@ -45,7 +45,9 @@ class MoveSettings:
     promising: int = 3
     """Platform angles besides the simpler solvers' at which postures are chosen."""
     zoom: tuple[float, ...] = tuple(np.linspace(-1.0, 1.0, 7).tolist())
-    """Platform angles tried in a bracket, as shares of its half-width, which is `grid_step` in the first round."""
+    """Platform angles tried in a bracket, as fractions of its half-width.
+
+    In the first round the half-width is `grid_step`."""
     zoom_rounds: int = 3
     """Rounds of ever narrower brackets."""
     zoom_shrink: float = 0.35
@@ -66,20 +68,17 @@ def choose_quickest(stage: OpenStage, position: FloatArray) -> StagePlan | Infea
     """Find the fastest stage from a position, or explain why there is none.
 
     The stage lasts as long as the slower arm: max(T_platform, T_arm) + approach + dwell + retract. For a given platform
-    angle the arms are independent of each other, so that what is left is a function of one variable. A first idea of
-    it, without lines, is had on a grid of angles and at every candidate of the `exact` solver (roots, stationary
-    points, ends of reach); at its best local minima and at the angles of SIMPLER postures are chosen in full; about
-    the best of those, angle and postures are refined together in ever narrower brackets, which finds the balances
-    of platform against arm, and the limits, between the grid's angles. Of stages equally quick the one with the least
-    turn of the platform is taken. Where postures are not refined, brackets and (if any other angle serves) SIMPLER are
-    left out.
+    angle the arms are independent, so the duration is a function of one variable. It is estimated without lines on a
+    grid of angles and at every candidate of the `exact` solver (roots, stationary points, ends of reach). Postures are
+    chosen in full at its best local minima and at the angles of SIMPLER. Around the best, angle and postures are
+    refined together in ever narrower brackets. Among equally fast stages the least platform turn wins. Without
+    refinement, brackets are omitted, and SIMPLER if any other angle is feasible.
 
-    What is certain with refinement: by the same estimate (closed forms for transfers; lines as estimated) the stage is
-    never longer than the one that `fixed`, `exact` or `linearised` would make from the same position. That it is the
-    least of all is not: the function has many local minima, and both grid and brackets may miss the best.
+    With refinement, by the same estimate, the stage is never longer than that of `fixed`, `exact` or `linearised` from
+    the same position. It may not be the global minimum: grid and brackets can miss it.
 
     Args:
-        stage: what is to be done.
+        stage: tasks of the stage.
         position: all joints before the stage [rad], shape (n,).
     """
     model = stage.model
@@ -90,17 +89,17 @@ def choose_quickest(stage: OpenStage, position: FloatArray) -> StagePlan | Infea
         f"{MINIMUM_TIME} {k}": [(MINIMUM_TIME, np.array([angle]))]
         for k, angle in enumerate(_promising(stage, position))
     }
-    tries = {name: iter(one) for name, one in places.items()}
-    found: dict[str, StagePlan | Mapping[str, NoPosture]] = {}
+    attempts = {name: iter(rows) for name, rows in places.items()}
+    outcomes: dict[str, StagePlan | Mapping[str, NoPosture]] = {}
     if not stage.refine:
-        found = first_that_serve(stage, dict.fromkeys(tries, position), tries)
-    if not any(isinstance(plan, StagePlan) for plan in found.values()):
-        tries = {name: places_to_try(stage, position, name) for name in SIMPLER}
-        tries |= {name: iter(one) for name, one in places.items()}
-        found = first_that_serve(stage, dict.fromkeys(tries, position), tries)
-    plans = [plan for plan in found.values() if isinstance(plan, StagePlan)]
+        outcomes = first_that_serve(stage, dict.fromkeys(attempts, position), attempts)
+    if not any(isinstance(plan, StagePlan) for plan in outcomes.values()):
+        attempts = {name: places_to_try(stage, position, name) for name in SIMPLER}
+        attempts |= {name: iter(rows) for name, rows in places.items()}
+        outcomes = first_that_serve(stage, dict.fromkeys(attempts, position), attempts)
+    plans = [plan for plan in outcomes.values() if isinstance(plan, StagePlan)]
     if not plans:
-        reasons = found["fixed"]
+        reasons = outcomes["fixed"]
         return explain(stage, position, {} if isinstance(reasons, StagePlan) else reasons)
     best = _quickest(stage, plans)
     if stage.refine:
@@ -202,10 +201,10 @@ def _stages_near(
         if answer is not None:
             postures[k][arm] = answer
     plans = []
-    for k, found in enumerate(postures):
-        apart = stage.keep is None or stage.keep.arms_clear(position, angles[k : k + 1], found)
-        if len(found) == len(problems[k]) and apart:
-            made = stage_plan(stage, position, MINIMUM_TIME, angles[k : k + 1], problems[k], found)
-            if isinstance(made, StagePlan):
-                plans.append(made)
+    for k, chosen in enumerate(postures):
+        apart = stage.keep is None or stage.keep.arms_clear(position, angles[k : k + 1], chosen)
+        if len(chosen) == len(problems[k]) and apart:
+            plan = stage_plan(stage, position, MINIMUM_TIME, angles[k : k + 1], problems[k], chosen)
+            if isinstance(plan, StagePlan):
+                plans.append(plan)
     return plans

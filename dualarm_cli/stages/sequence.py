@@ -79,7 +79,7 @@ def stage_plans(
         decisions: a feasible plan.
         solver: name of the method that decided it.
     """
-    # Plans are compared with stops at all line ends before they are blended.
+    # Plans are compared with stops at every line end before they are blended.
     plan = evaluate(replace(problem, launches=None), decisions)
     position = _start(model, job, problem, plan)
     first = position
@@ -250,7 +250,7 @@ def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
     names = [*problem.simpler, *([MINIMUM_TIME] if few and problem.model.has_arm_angles else [])]
     plans: list[list[StagePlan]] = []
     for plan in choose_stages_with(problem, names).values():
-        if isinstance(plan, InfeasibleError) or any(same_postures(plan, other) for other in plans):
+        if isinstance(plan, InfeasibleError) or any(same_postures(plan, kept) for kept in plans):
             continue
         plans.append(plan)
     return plans
@@ -269,7 +269,7 @@ def _starts(
     for name, plan in rough.items():
         if isinstance(plan, InfeasibleError):
             failure = failure or plan
-        elif not any(same_postures(plan, other) for other in starts.values()):
+        elif not any(same_postures(plan, accepted) for accepted in starts.values()):
             starts[name] = plan
     return starts, failure
 

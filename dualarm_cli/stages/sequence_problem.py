@@ -27,9 +27,9 @@ def sequence_problem(
 
     Args:
         model: the job's cell.
-        job: what is to be done.
-        holding: what has to be collision-free; None where nothing has to.
-        no_goods: stages that turned out to collide.
+        job: job with its limits.
+        holding: parts and margins for collision checking; None disables it.
+        no_goods: stages that collided before.
     """
     stages = job.stages()
     stops = {
@@ -42,11 +42,11 @@ def sequence_problem(
         for name in model.arms
     }
     handing = tuple(any(stop.action == "give" for _, stop in work.values()) for work in stages)
-    found = replace(_problem(model, job, stops), handing=handing)
+    sequence = replace(_problem(model, job, stops), handing=handing)
     if holding is None:
-        return found
+        return sequence
     start = np.array(job.start_joints)
-    return replace(found, clearance=_clearance(model, start, holding, no_goods))
+    return replace(sequence, clearance=_clearance(model, start, holding, no_goods))
 
 
 def stops_problem(
@@ -60,8 +60,8 @@ def stops_problem(
         stops: each arm's stops, all of them as many.
     """
     targets = {
-        name: [None if stop is None else _target(stop, None) for stop in own]
-        for name, own in stops.items()
+        name: [None if stop is None else _target(stop, None) for stop in arm_stops]
+        for name, arm_stops in stops.items()
     }
     return _problem(model, job, targets)
 

@@ -55,25 +55,25 @@ def cell_model(cell: Cell, redundancy: str) -> CellModel:
 def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings, list[str]]:
     """Replace unsupported default settings; also return the replacements.
 
-    Only what nobody named is replaced: a solver that was asked for and does not serve has its reason told.
+    Named settings stay: an unsupported solver among them is refused with its reason.
 
     Args:
-        settings: as they were asked for.
+        settings: settings of the command line or the file.
         robot: the robot.
     """
-    default, own = PlanSettings(), own_redundancy(settings.platform, robot)
+    default, solver = PlanSettings(), own_redundancy(settings.platform, robot)
     free = "redundancy" not in settings.named and settings.redundancy == default.redundancy
-    if not free or own == settings.redundancy:
+    if not free or solver == settings.redundancy:
         return settings, []
     kinds = [arm.kind for arm in robot.arms if arm.kind != "srs"]
     closed = " and ".join(dict.fromkeys(kind for kind in kinds if kind != "general"))
     note = _note(
         "closed" if "general" not in kinds else "mixed" if closed else "general",
         which=_which(robot),
-        solver=own,
+        solver=solver,
         kinds=closed,
     )
-    return replace(settings, redundancy=own), [note]
+    return replace(settings, redundancy=solver), [note]
 
 
 def why_no_closed_form(robot: Robot) -> str | None:
@@ -115,24 +115,24 @@ def _which(robot: Robot) -> str:
 
 
 ROOM = 0.1
-"""Fraction of its braking distance from full speed that a joint keeps free towards its limits of position."""
+"""Margin to a joint's position limits, as a fraction of its braking distance from full speed."""
 MOST_ROOM = 0.05
-"""Share of its range that it keeps free at most."""
+"""Largest margin, as a fraction of the joint's range."""
 
 
 def with_stopping_room(problem: MethodProblem) -> MethodProblem:
     """Narrow the joint limits so that line ends can be passed in motion.
 
-    What passes the outer end of a line in motion comes to rest beyond it. Wherever joints are given, they are allowed.
+    A joint that passes the outer end of a line in motion stops beyond it. Given configurations stay within the limits.
 
     Args:
-        problem: with the robot's own limits.
+        problem: problem with the robot's limits.
     """
     job, robot = problem.job, problem.job.cell.robot
     limits = robot.limits
     span = limits.upper - limits.lower
-    way = np.where(np.isfinite(span), span, 0.0) + 1.0
-    ramps = limits.law.per_joint(way * 1e3) - way * 1e3 / limits.velocity
+    travel = np.where(np.isfinite(span), span, 0.0) + 1.0
+    ramps = limits.law.per_joint(travel * 1e3) - travel * 1e3 / limits.velocity
     room = np.minimum(ROOM * 0.5 * limits.velocity * ramps, MOST_ROOM * span)
     room[problem.model.platform_columns] = 0.0
     lower, upper = limits.lower + room, limits.upper - room
@@ -150,6 +150,6 @@ def with_stopping_room(problem: MethodProblem) -> MethodProblem:
     with_margin = replace(robot, limits=replace(limits, lower=lower, upper=upper))
     cell = replace(job.cell, robot=with_margin)
     model = cell_model(cell, problem.redundancy)
-    # Whether the platform is held is the problem's.
+    # The problem decides whether the platform is fixed.
     model = replace(model, platform=problem.model.platform)
     return replace(problem, model=model, job=replace(job, cell=cell))

@@ -32,10 +32,10 @@ def choose_stages(
     Raises:
         InfeasibleError: a target that no posture reaches, with its place and by how much it misses.
     """
-    found = choose_stages_with(problem, [platform], refine=refine, count=count)[platform]
-    if isinstance(found, InfeasibleError):
-        raise found
-    return found
+    plan = choose_stages_with(problem, [platform], refine=refine, count=count)[platform]
+    if isinstance(plan, InfeasibleError):
+        raise plan
+    return plan
 
 
 def choose_stages_with(
@@ -64,11 +64,11 @@ def choose_stages_with(
         keep = None if problem.holding is None else StageCollisionTest(model, problem.holding, k)
         stage = OpenStage(model, clock, work, refine, keep, problem.redundancy)
         positions = {
-            name: np.array(found[-1].end) if found else home
-            for name, found in plans.items()
+            name: np.array(stages[-1].end) if stages else home
+            for name, stages in plans.items()
             if name not in failures
         }
-        greedy = {name: one for name, one in positions.items() if name != MINIMUM_TIME}
+        greedy = {name: position for name, position in positions.items() if name != MINIMUM_TIME}
         made = choose_stage(stage, greedy)
         if MINIMUM_TIME in positions:
             made[MINIMUM_TIME] = choose_quickest(stage, positions[MINIMUM_TIME])
@@ -79,19 +79,19 @@ def choose_stages_with(
                 plans[name].append(_starting_there(plan))
             else:
                 plans[name].append(plan)
-    for found in plans.values():
-        if job.returns and found:
-            found.append(_return(model, clock, found))
+    for stages in plans.values():
+        if job.returns and stages:
+            stages.append(_return(model, clock, stages))
     return {name: failures.get(name, plans[name]) for name in platforms}
 
 
 def _starting_there(plan: StagePlan) -> StagePlan:
     """Move the start of the first stage to the end of its transfer."""
     lines, dwells = [], []
-    for one in plan.stops.values():
-        own = one.problem.transfer_time(one.posture.q_approach - one.problem.start)
-        lines.append(one.posture.cost - max(float(own), one.problem.waiting))
-        dwells.append(one.stop.dwell.total)
+    for arm in plan.stops.values():
+        transfer = arm.problem.transfer_time(arm.posture.q_approach - arm.problem.start)
+        lines.append(arm.posture.cost - max(float(transfer), arm.problem.waiting))
+        dwells.append(arm.stop.dwell.total)
     together = giver_and_taker(plan.stops) is not None
     length = stage_length([0.0] * len(lines), lines, dwells, together)
     return replace(plan, start=plan.arrival, duration=float(length))

@@ -151,22 +151,22 @@ def first_that_serve(
         positions: all joints before the stage [rad], shape (n,), by name.
         tries: platform positions in order, each with the name of what gave it, by name.
     """
-    left = dict(tries)
-    reasons: dict[str, Mapping[str, NoPosture]] = {name: {} for name in left}
-    found: dict[str, StagePlan | Mapping[str, NoPosture]] = {}
-    while left:
-        asked = {name: next(places, None) for name, places in left.items()}
-        places = {name: one for name, one in asked.items() if one is not None}
-        made = try_places(stage, positions, places)
-        for name, one in asked.items():
-            if one is None:
-                found[name] = reasons[name]
-            elif isinstance(plan := made[name], StagePlan):
-                found[name] = plan
-            elif one[0] != REACH:
+    remaining = dict(tries)
+    reasons: dict[str, Mapping[str, NoPosture]] = {name: {} for name in remaining}
+    outcomes: dict[str, StagePlan | Mapping[str, NoPosture]] = {}
+    while remaining:
+        attempts = {name: next(places, None) for name, places in remaining.items()}
+        places = {name: attempt for name, attempt in attempts.items() if attempt is not None}
+        plans = try_places(stage, positions, places)
+        for name, attempt in attempts.items():
+            if attempt is None:
+                outcomes[name] = reasons[name]
+            elif isinstance(plan := plans[name], StagePlan):
+                outcomes[name] = plan
+            elif attempt[0] != REACH:
                 reasons[name] = plan
-        left = {name: places for name, places in left.items() if name not in found}
-    return found
+        remaining = {name: places for name, places in remaining.items() if name not in outcomes}
+    return outcomes
 
 
 def places_to_try(
@@ -236,18 +236,18 @@ def made_apart(
         problems: the arms' stops there.
         postures: each arm's best one there.
     """
-    found = {arm: one for arm, one in postures.items() if isinstance(one, StopPosture)}
-    if len(found) < 2 or len(found) < len(postures):
+    reached = {arm: p for arm, p in postures.items() if isinstance(p, StopPosture)}
+    if len(reached) < 2 or len(reached) < len(postures):
         return postures
-    if keep.arms_clear(position, angles, found):
+    if keep.arms_clear(position, angles, reached):
         return postures
     tries: list[dict[str, StopPosture | NoPosture]] = []
-    for kept, other in (tuple(found), tuple(found)[::-1]):
-        test = keep.test(other, position, angles, stage.work, {kept: found[kept]})
-        [answer] = solve_stops(stage.redundancy, [replace(problems[other], clear=test)])
+    for kept, changed in (tuple(reached), tuple(reached)[::-1]):
+        test = keep.test(changed, position, angles, stage.work, {kept: reached[kept]})
+        [answer] = solve_stops(stage.redundancy, [replace(problems[changed], clear=test)])
         if isinstance(answer, StopPosture):
-            tries.append({kept: found[kept], other: answer})
-    if not tries and keep.arms_clear(position, angles, found, keep.common_places):
+            tries.append({kept: reached[kept], changed: answer})
+    if not tries and keep.arms_clear(position, angles, reached, keep.common_places):
         return postures
     if not tries:
         return dict.fromkeys(postures, NoPosture(Refusal("arms_touch")))
@@ -265,7 +265,7 @@ def stage_plan(
     postures: Mapping[str, StopPosture | NoPosture],
 ) -> StagePlan | dict[str, NoPosture]:
     """Build the stage from its postures, or explain its refusal."""
-    reasons = {arm: one for arm, one in postures.items() if isinstance(one, NoPosture)}
+    reasons = {arm: refusal for arm, refusal in postures.items() if isinstance(refusal, NoPosture)}
     if reasons:
         return reasons
     turned = np.array(position)
@@ -280,8 +280,8 @@ def stage_plan(
         stops[arm] = ArmStop(arm, task, stop, problems[arm], posture)
         columns = stage.model.arms[arm].columns
         arrival[columns], end[columns] = posture.q_approach, posture.q_retract
-        own = problems[arm].transfer_time(posture.q_approach - problems[arm].start)
-        there.append(max(float(own), problems[arm].waiting))
+        transfer = problems[arm].transfer_time(posture.q_approach - problems[arm].start)
+        there.append(max(float(transfer), problems[arm].waiting))
         lines.append(posture.cost - there[-1])
         dwells.append(stop.dwell.total)
     length = stage_length(there, lines, dwells, giver_and_taker(stops) is not None)
@@ -293,7 +293,7 @@ def explain_clearance(
 ) -> tuple[dict[str, Refusal], bool]:
     """Explain by arm which bodies collide in every posture.
 
-    And whether that is so at all platform angles.
+    The flag says whether they collide at every platform angle.
     """
     angles = scanned_angles(stage.model, position)
     problems = stage.from_position(position, angles)
@@ -301,9 +301,9 @@ def explain_clearance(
         arm: explain_collision(keep, arm, position, angles, [stops[arm] for stops in problems])
         for arm in stage.work
     }
-    found = {arm: fault for arm, fault in faults.items() if fault is not None}
-    if found:
-        return found, True
+    reasons = {arm: fault for arm, fault in faults.items() if fault is not None}
+    if reasons:
+        return reasons, True
     reason = "no_pair_of_postures" if len(stage.work) > 1 else "no_postures_together"
     return dict.fromkeys(stage.work, Refusal(reason)), False
 

@@ -392,14 +392,13 @@ def leaving_times(
         moved = False
         for rule in rules:
             at = due(rule, departures)
-            arm_departures, rests = departures[rule.arm], clocks[rule.arm].rests
-            if arm_departures[rule.rest] >= at - SAME_TIME:
+            times, rests = departures[rule.arm], clocks[rule.arm].rests
+            if times[rule.rest] >= at - SAME_TIME:
                 continue
             moved = True
-            arm_departures[rule.rest] = at
-            for k in range(rule.rest + 1, len(arm_departures)):
-                rest = rests[k] - rests[k - 1]
-                arm_departures[k] = max(arm_departures[k], arm_departures[k - 1] + rest)
+            times[rule.rest] = at
+            for k in range(rule.rest + 1, len(times)):
+                times[k] = max(times[k], times[k - 1] + rests[k] - rests[k - 1])
         if not moved:
             return tuple(map(tuple, departures))
     return None

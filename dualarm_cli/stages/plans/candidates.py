@@ -16,7 +16,7 @@ from dualarm_cli.timing.line_profile import joint_line_durations
 LINE_SAMPLES = 7
 """Samples of a line."""
 MIDDLE = LINE_SAMPLES - 1
-"""The target among the samples of both lines, which are the approach from outside and the retract."""
+"""Index of the target among the samples of approach and retract."""
 BETWEEN = (2, 4, LINE_SAMPLES + 1, LINE_SAMPLES + 3)
 """Samples of both lines, approach first, that are kept for clearance; the target is between the middle ones."""
 
@@ -38,23 +38,24 @@ class CandidatePostures:
     retract: FloatArray
     """Rest-to-rest time of each joint on the retract [s], shape (n, joints)."""
     q_between: FloatArray
-    """Joints at two places on the approach and at two on the retract [rad], shape (n, 4, joints)."""
+    """Joints at two places on each line, approach first [rad], shape (n, 4, joints)."""
     shares: FloatArray
     """Durations of approach and retract relative to those times: 1 from rest to rest, shape (n, 2)."""
     rates: FloatArray
-    """Velocities and accelerations with which the approach begins and the retract ends, 0 at rest, shape (n, 2, 2,
-    joints)."""
+    """Velocities and accelerations at the outer ends of lines, shape (n, 2, 2, joints).
+
+    The approach begins with the first and the retract ends with the second; 0 at rest."""
 
     @property
     def possible(self) -> BoolArray:
         """Flags of candidates within reach and limits on both lines, shape (n,)."""
         return np.isfinite(self.work)
 
-    def where(self, mask: BoolArray, other: CandidatePostures) -> CandidatePostures:
+    def where(self, mask: BoolArray, single: CandidatePostures) -> CandidatePostures:
         """Select between these candidates and single-plan ones by a mask (stages, plans)."""
         parts = {}
         for field in fields(self):
-            mine, theirs = getattr(self, field.name), getattr(other, field.name)[:, None]
+            mine, theirs = getattr(self, field.name), getattr(single, field.name)[:, None]
             wide = mask.reshape(*mask.shape, *(1,) * (mine.ndim - 2))
             parts[field.name] = np.where(wide, mine, theirs)
         return CandidatePostures(**parts)

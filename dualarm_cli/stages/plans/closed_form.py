@@ -50,7 +50,7 @@ def postures(
         angle: platform angle of each candidate [rad], shape (n,).
         candidates: n of them.
     """
-    n, size = len(stage), 4096  # The joints of so many stay in the cache.
+    n, size = len(stage), 4096  # Joints of a block fit the processor's cache.
     if n <= size:
         return _postures(problem, arm, stage, angle, candidates)
     blocks = [slice(k, k + size) for k in range(0, n, size)]
@@ -118,7 +118,7 @@ def _at_configurations(
     return q, ok
 
 
-def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions:
+def anchored(candidates: ArmDecisions, joints: CandidatePostures) -> ArmDecisions:
     """Return candidates unchanged: closed forms need no reference posture."""
     return candidates
 
@@ -212,8 +212,8 @@ def _configuration_nodes(
     work = problem.arms[arm]
     assert stop.configurations is not None
     m = len(stop.configurations)
-    step, most = np.pi / grid.arm_angles, problem.settings.swing_steps
-    swings = step * np.arange(-most, most + 1)
+    step, max_steps = np.pi / grid.arm_angles, problem.settings.swing_steps
+    swings = step * np.arange(-max_steps, max_steps + 1)
     alternative, k_a, k_r = (
         x.ravel() for x in np.meshgrid(np.arange(m), *(np.arange(len(swings)),) * 2, indexing="ij")
     )
@@ -230,15 +230,15 @@ def _configuration_nodes(
     )
     stages = np.full(len(q), stage)
     angle = np.zeros(len(q))
-    found = postures(problem, arm, stages, angle, every)
+    lines = postures(problem, arm, stages, angle, every)
     best = []
     for k in range(m):
         rows = np.nonzero(alternative == k)[0]
-        best.append(rows[int(np.argmin(found.work[rows]))])
-    rows = np.array([k for k in best if found.possible[k]], dtype=np.int64)
+        best.append(rows[int(np.argmin(lines.work[rows]))])
+    rows = np.array([k for k in best if lines.possible[k]], dtype=np.int64)
     f = np.repeat(np.arange(len(grid.angles)), len(rows))
     rows = np.tile(rows, len(grid.angles))
     nodes = Nodes(
-        f, every.take(rows), found.q_approach[rows], found.q_retract[rows], found.work[rows], False
+        f, every.take(rows), lines.q_approach[rows], lines.q_retract[rows], lines.work[rows], False
     )
     return thinned(nodes, grid.most)

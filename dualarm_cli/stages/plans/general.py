@@ -44,11 +44,11 @@ def postures(
     if not idle.any():
         return _postures(problem, work, stage, angle, candidates)
     q, k = candidates.near.astype(np.float64), np.flatnonzero(~idle)
-    found = timed_postures(work, q[:, None], idle, np.zeros(1), np.zeros(len(stage)))
+    poses = timed_postures(work, q[:, None], idle, np.zeros(1), np.zeros(len(stage)))
     if not len(k):
-        return found
+        return poses
     active = _postures(problem, work, stage[k], angle[k], candidates.take(k))
-    parts = {name: np.array(values) for name, values in vars(found).items()}
+    parts = {name: np.array(values) for name, values in vars(poses).items()}
     for name, values in parts.items():
         values[k] = getattr(active, name)
     return CandidatePostures(**parts)
@@ -79,16 +79,16 @@ def _postures(
     return timed_postures(work, both, ok & followed, bulge, table.dwell[stage])
 
 
-def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions:
+def anchored(candidates: ArmDecisions, joints: CandidatePostures) -> ArmDecisions:
     """Make feasible candidates their own reference postures."""
-    ok = found.possible
+    ok = joints.possible
     swing = np.where(ok, candidates.psi_target, 0.0)
     return replace(
         candidates,
         psi_target=candidates.psi_target - swing,
         psi_approach=candidates.psi_approach - swing,
         psi_retract=candidates.psi_retract - swing,
-        near=np.where(ok[:, None], found.q_target, candidates.near),
+        near=np.where(ok[:, None], joints.q_target, candidates.near),
     )
 
 
@@ -207,36 +207,36 @@ def _nodes_around(
         psi_approach=rows.psi_approach + along[s] + drifts[d, 0],
         psi_retract=rows.psi_retract + along[s] + drifts[d, 1],
     )
-    found = postures(problem, arm, np.full(len(f), stage), angles[f], rows)
+    joints = postures(problem, arm, np.full(len(f), stage), angles[f], rows)
     nodes = Nodes(
         f,
-        anchored(rows, found),
-        found.q_approach,
-        found.q_retract,
-        found.work,
+        anchored(rows, joints),
+        joints.q_approach,
+        joints.q_retract,
+        joints.work,
         False,
     )
-    return nodes.take(np.flatnonzero(found.possible))
+    return nodes.take(np.flatnonzero(joints.possible))
 
 
-def _together(some: Nodes, others: Nodes) -> Nodes:
+def _together(nodes: Nodes, others: Nodes) -> Nodes:
     """Merge two sets of nodes in order of their platform angles."""
     decisions = ArmDecisions(
         *(
             np.concatenate([x, y])
             for x, y in zip(
-                vars(some.decisions).values(), vars(others.decisions).values(), strict=True
+                vars(nodes.decisions).values(), vars(others.decisions).values(), strict=True
             )
         )
     )
     return _by_angle(
         Nodes(
-            np.concatenate([some.angle_index, others.angle_index]),
+            np.concatenate([nodes.angle_index, others.angle_index]),
             decisions,
-            np.concatenate([some.q_approach, others.q_approach]),
-            np.concatenate([some.q_retract, others.q_retract]),
-            np.concatenate([some.work, others.work]),
-            some.free_last,
+            np.concatenate([nodes.q_approach, others.q_approach]),
+            np.concatenate([nodes.q_retract, others.q_retract]),
+            np.concatenate([nodes.work, others.work]),
+            nodes.free_last,
         )
     )
 
@@ -318,10 +318,10 @@ def _targets(
     yaws, general = _yaws(stop, problem.settings.node_yaws), numeric_form(work.kinematics)
     index, yaw = np.repeat(np.arange(f), len(yaws)), np.tile(yaws, f)
     start = np.tile(work.kinematics.middle, (len(yaw), 1))
-    asked = _rows(work, np.zeros(len(yaw), dtype=np.int64), yaw, start)
-    R, p, _ = _poses(problem, work, np.full(len(yaw), stage), grid.angles[index], asked)
-    found = general.postures(R, p, thorough=thorough)
-    pose, q = found.pose, found.q
+    targets = _rows(work, np.zeros(len(yaw), dtype=np.int64), yaw, start)
+    R, p, _ = _poses(problem, work, np.full(len(yaw), stage), grid.angles[index], targets)
+    solutions = general.postures(R, p, thorough=thorough)
+    pose, q = solutions.pose, solutions.q
     most = round(problem.settings.general_node_share * grid.most)
     if work.spare == 1 and thorough:
         traced = self_motions(general, q, R[pose], p[pose])
@@ -375,14 +375,13 @@ def _branch(work: ArmWork, q: FloatArray) -> IntArray:
 def _with_turns(work: ArmWork, nodes: Nodes, most: int) -> Nodes:
     """Add copies of nodes whole turns away, within limits.
 
-    Where these are more than `most`, every node keeps its share of them, those nearest to the start: of a joint with
-    limits of a turn either way that is next to the start its own turn, of one half a turn away the other way, too.
+    If there are more than `most`, every node keeps an equal number of copies, nearest to the start first.
     """
     n = len(nodes.work)
     row, shift = np.arange(n), np.zeros((n, work.joints))
     places = np.stack([nodes.q_target, nodes.q_approach, nodes.q_retract])
     for joint in sorted(set(range(work.joints)) - set(numeric_form(work.kinematics).slides)):
-        # Of joints without limits one turn each way will do.
+        # One turn in each direction is enough for joints without limits.
         low = max(work.limits.lower[joint], -1.5 * TURN)
         high = min(work.limits.upper[joint], 1.5 * TURN)
         if high - low < TURN:
@@ -402,10 +401,10 @@ def _with_turns(work: ArmWork, nodes: Nodes, most: int) -> Nodes:
         rank = np.arange(len(row)) - np.searchsorted(row[order], row[order])
         kept = np.sort(order[rank < max(1, most // n)])
         row, shift = row[kept], shift[kept]
-    found = nodes.take(row)
+    copies = nodes.take(row)
     return replace(
-        found,
-        decisions=found.decisions.at(found.q_target + shift),
-        q_approach=found.q_approach + shift,
-        q_retract=found.q_retract + shift,
+        copies,
+        decisions=copies.decisions.at(copies.q_target + shift),
+        q_approach=copies.q_approach + shift,
+        q_retract=copies.q_retract + shift,
     )

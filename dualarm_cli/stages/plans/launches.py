@@ -1,4 +1,4 @@
-"""Launches for the outer ends of lines, by which the search estimates transfers that begin or end in motion.
+"""Launches at the outer ends of lines, to estimate transfers that begin or end in motion.
 
 A launch is a number: 0 at rest, else a profile and cut of `timing/launch`, counted as in `timing/line_ends`. A search
 begins with one default launch everywhere, and polishes postures with the launches that suit them best.
@@ -30,45 +30,48 @@ from dualarm_cli.timing.problem import LineProblem, TransferProblem
 
 
 def default_launches(problem: SequenceProblem) -> tuple[IntArray, ...]:
-    """Return the default launch of every line end that may be passed, by arm, shape (n, 2) each."""
-    found, settings = [], problem.settings
+    """Return the default launches of line ends by arm, shape (n, 2) each."""
+    launches, settings = [], problem.settings
     for work in problem.arms:
         jerky = not np.isfinite(work.limits.jerk).all()
         profile, cut = settings.passing_without_jerk if jerky else settings.passing
-        found.append(np.where(_passes(problem, work), 1 + profile * len(CUTS) + cut, 0))
-    return tuple(found)
+        launches.append(np.where(_passes(problem, work), 1 + profile * len(CUTS) + cut, 0))
+    return tuple(launches)
 
 
 def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
-    """Return which outer ends of approach and retract may be passed in each stage, shape (n, 2)."""
+    """Flag the line ends that each stage may pass in motion, shape (n, 2)."""
     stops = [(0.0, 0.0) if stop is None else (stop.approach, stop.retract) for stop in work.stops]
     passes = np.array(stops) > 0.0
     active = np.array([stop is not None for stop in work.stops], dtype=np.bool_)
     passes[:, 1] &= np.append(active[1:], False)
     if problem.free_start:
-        # It begins where the first approach does.
+        # A free start is the outer end of the first approach, at rest.
         passes[0, 0] = False
     passes[problem.together] = False
     return passes
 
 
 def best_launches(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, ...]:
-    """Select the fastest launches for a plan's postures, transfer by transfer, by arm, shape (n, 2) each."""
+    """Select the fastest launches for a plan's postures by arm, shape (n, 2) each.
+
+    Each transfer is optimised by itself.
+    """
     angle = plan.decisions.angle
     before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
     platform = platform_times(problem, angle - before)
-    found = []
+    arm_launches = []
     for a, work in enumerate(problem.arms):
         launches = np.zeros((problem.stages, 2), dtype=np.int64)
         of = partial(_best_launches, problem, plan, a, platform)
         stages = TransferChain.of(work).active
         stage_launches = map_halves(of, stages.tolist(), problem.settings.shared_transfers)
-        for k, own in zip(stages.tolist(), stage_launches, strict=True):
-            launches[k, 0] = own[1]
+        for k, pair in zip(stages.tolist(), stage_launches, strict=True):
+            launches[k, 0] = pair[1]
             if k:
-                launches[k - 1, 1] = own[0]
-        found.append(launches)
-    return tuple(found)
+                launches[k - 1, 1] = pair[0]
+        arm_launches.append(launches)
+    return tuple(arm_launches)
 
 
 def _best_launches(
@@ -85,15 +88,15 @@ def _best_launches(
             return Passings.none(work.joints)
         path = outwards(postures.take(np.array([k])), line)[0]
         rest = (postures.retract if line else postures.approach)[k].max()
-        asked = LineProblem(limits.joints, path, np.linspace(0.0, 1.0, len(path)), limits)
-        return Passings.along(asked, float(rest), away=line == 1)
+        timed_line = LineProblem(limits.joints, path, np.linspace(0.0, 1.0, len(path)), limits)
+        return Passings.along(timed_line, float(rest), away=line == 1)
 
-    found = []
+    pairs = []
     for k in stages:
-        came, goal = int(chain.previous[k]), postures.q_approach[k]
-        q = postures.q_retract[came] if came >= 0 else start
-        asked = TransferProblem(limits.joints, q, goal, limits, float(platform[k]))
+        previous, goal = int(chain.previous[k]), postures.q_approach[k]
+        q = postures.q_retract[previous] if previous >= 0 else start
+        transfer = TransferProblem(limits.joints, q, goal, limits, float(platform[k]))
         rest = max(float(platform[k]), float(work.law.duration(goal - q)))
-        i, j, _ = quickest_pair(passings(k - 1, 1), passings(k, 0), asked, rest)
-        found.append((i, j))
-    return found
+        i, j, _ = quickest_pair(passings(k - 1, 1), passings(k, 0), transfer, rest)
+        pairs.append((i, j))
+    return pairs

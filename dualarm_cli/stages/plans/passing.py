@@ -19,46 +19,46 @@ from dualarm_cli.timing.ruckig_ import StatesToStates
 from dualarm_cli.timing.shapes import lagrange_basis
 
 
-def passed(work: ArmWork, launches: IntArray, found: CandidatePostures) -> CandidatePostures:
+def passed(work: ArmWork, launches: IntArray, candidates: CandidatePostures) -> CandidatePostures:
     """Apply launches to candidates, so that their line ends are passed in motion.
 
     Args:
         work: their arm.
         launches: of approach and retract, shape (n, 2).
-        found: the candidates, at rest at both ends of lines.
+        candidates: the candidates, at rest at both ends of lines.
     """
-    rest = np.stack([found.approach.max(axis=1), found.retract.max(axis=1)], axis=1)
-    asked = (launches > 0) & found.possible[:, None] & (rest > 0.0)
-    paths = np.concatenate([outwards(found, line)[asked[:, line]] for line in (0, 1)])
-    way = np.concatenate([launches[asked[:, line], line] for line in (0, 1)]) - 1
+    rest = np.stack([candidates.approach.max(axis=1), candidates.retract.max(axis=1)], axis=1)
+    passed_ends = (launches > 0) & candidates.possible[:, None] & (rest > 0.0)
+    paths = np.concatenate([outwards(candidates, line)[passed_ends[:, line]] for line in (0, 1)])
+    launch = np.concatenate([launches[passed_ends[:, line], line] for line in (0, 1)]) - 1
     limits = work.limits.velocity, work.limits.acceleration, work.limits.jerk
     _, *estimates = trajectories.launched_lines(
         trajectories.Path.of(paths, limits),
-        np.array(PROFILES)[way // len(CUTS), None],
-        np.array(CUTS)[way % len(CUTS), None],
+        np.array(PROFILES)[launch // len(CUTS), None],
+        np.array(CUTS)[launch % len(CUTS), None],
         COMPARED,
     )
     time, velocity, acceleration = (x[:, 0] for x in estimates)
-    shares, rates = np.ones(rest.shape), np.zeros(found.rates.shape)
-    count = int(asked[:, 0].sum())
+    shares, rates = np.ones(rest.shape), np.zeros(candidates.rates.shape)
+    count = int(passed_ends[:, 0].sum())
     for line, part, sign in ((0, slice(0, count), -1.0), (1, slice(count, None), 1.0)):
-        rows = asked[:, line]
+        rows = passed_ends[:, line]
         shares[rows, line] = time[part] / rest[rows, line]
         rates[rows, line, 0], rates[rows, line, 1] = sign * velocity[part], acceleration[part]
-    spent = found.work + ((shares - 1.0) * rest).sum(axis=1)
-    return replace(found, work=spent, shares=shares, rates=rates)
+    work_times = candidates.work + ((shares - 1.0) * rest).sum(axis=1)
+    return replace(candidates, work=work_times, shares=shares, rates=rates)
 
 
 _INTERPOLATION = lagrange_basis(np.linspace(0.0, 1.0, 4), np.linspace(0.0, 1.0, 17))
 """Matrix from the four known samples of a line to many, shape (17, 4)."""
 
 
-def outwards(found: CandidatePostures, line: int) -> FloatArray:
+def outwards(postures: CandidatePostures, line: int) -> FloatArray:
     """Return joints along approaches (0) or retracts (1), target first, (n, 17, joints)."""
     near, far = (1, 0) if line == 0 else (2, 3)
-    ends = found.q_retract if line else found.q_approach
+    ends = postures.q_retract if line else postures.q_approach
     four = np.stack(
-        [found.q_target, found.q_between[:, near], found.q_between[:, far], ends], axis=1
+        [postures.q_target, postures.q_between[:, near], postures.q_between[:, far], ends], axis=1
     )
     joints: FloatArray = np.einsum("sf,nfj->nsj", _INTERPOLATION, four)
     return joints
@@ -82,10 +82,10 @@ def transfer_times(
     moving = _moving(leaving[1])[:, :, None] | _moving(arriving[1])[:, None]
     solver = StatesToStates(work.limits)
     starts, goals = _states(*leaving), _states(*arriving)
-    for row, one, other in np.argwhere(moving & np.isfinite(time)).tolist():
-        found = solver.calculated(starts[row][one], goals[row][other])
-        if found is not None:
-            time[row, one, other] = found.duration
+    for row, i, j in np.argwhere(moving & np.isfinite(time)).tolist():
+        trajectory = solver.calculated(starts[row][i], goals[row][j])
+        if trajectory is not None:
+            time[row, i, j] = trajectory.duration
     return time
 
 
@@ -96,8 +96,8 @@ def _moving(rates: FloatArray) -> BoolArray:
 
 def _states(q: FloatArray, rates: FloatArray) -> list[list[list[list[float]]]]:
     """Return position, velocity and acceleration of every row's states."""
-    found: list[list[list[list[float]]]] = np.concatenate([q[:, :, None], rates], axis=2).tolist()
-    return found
+    states: list[list[list[list[float]]]] = np.concatenate([q[:, :, None], rates], axis=2).tolist()
+    return states
 
 
 def timed_slopes(
@@ -125,8 +125,8 @@ def timed_slopes(
 
     def alone(k: int, moved: float) -> FloatArray | None:
         position, *rates = goals[k]
-        found = solver.calculated(starts[k], [[q + moved for q in position], *rates])
-        return None if found is None else np.array(found.independent_min_durations)
+        trajectory = solver.calculated(starts[k], [[q + moved for q in position], *rates])
+        return None if trajectory is None else np.array(trajectory.independent_min_durations)
 
     for k in np.flatnonzero(_moving(leaving[1]) | _moving(arriving[1])).tolist():
         here, ahead, behind = (alone(k, moved) for moved in (0.0, step, -step))

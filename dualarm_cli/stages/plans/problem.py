@@ -309,12 +309,12 @@ class ArmDecisions:
         values = (getattr(self, field.name) for field in fields(self))
         return ArmDecisions(*(v.astype(small.get(v.dtype, v.dtype)) for v in values))
 
-    def put(self, rows: IntArray, other: ArmDecisions) -> ArmDecisions:
+    def put(self, rows: IntArray, replacements: ArmDecisions) -> ArmDecisions:
         """Replace rows by all rows of other decisions."""
         merged = {}
         for field in fields(self):
             values = np.array(getattr(self, field.name))
-            values[rows] = getattr(other, field.name)
+            values[rows] = getattr(replacements, field.name)
             merged[field.name] = values
         return replace(self, **merged)
 
@@ -338,9 +338,9 @@ class Decisions:
         """Select the rows of given stages."""
         return Decisions(self.angle[rows], tuple(arm.take(rows) for arm in self.arms))
 
-    def put(self, rows: IntArray, other: Decisions) -> Decisions:
+    def put(self, rows: IntArray, replacements: Decisions) -> Decisions:
         """Replace given stages by those of another plan."""
-        return self.put_all(rows, other.take(rows))
+        return self.put_all(rows, replacements.take(rows))
 
     def put_all(self, rows: IntArray, part: Decisions) -> Decisions:
         """Replace given stages by all stages of a partial plan."""

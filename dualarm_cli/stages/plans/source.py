@@ -33,8 +33,10 @@ def postures(
         candidates: n of them.
     """
     work = problem.arms[arm]
-    found = _source(work).postures(problem, arm, stage, angle, candidates)
-    return found if problem.launches is None else passed(work, problem.launches[arm][stage], found)
+    at_rest = _source(work).postures(problem, arm, stage, angle, candidates)
+    return (
+        at_rest if problem.launches is None else passed(work, problem.launches[arm][stage], at_rest)
+    )
 
 
 def grid_nodes(
@@ -56,9 +58,9 @@ def grid_nodes(
     return _source(problem.arms[arm]).grid_nodes(problem, arm, stage, grid, near)
 
 
-def anchored(work: ArmWork, candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions:
+def anchored(work: ArmWork, candidates: ArmDecisions, joints: CandidatePostures) -> ArmDecisions:
     """Return candidates that refer to their own postures, if their arm needs that."""
-    return _source(work).anchored(candidates, found)
+    return _source(work).anchored(candidates, joints)
 
 
 def lines_hold(

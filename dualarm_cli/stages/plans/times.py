@@ -22,7 +22,7 @@ class TransferChain:
     active: IntArray
     """Stages in which the arm works, shape (m,)."""
     previous: IntArray
-    """For every stage the last one before it in which the arm worked, -1 for none, shape (n,)."""
+    """Last stage before each in which the arm worked, or -1, shape (n,)."""
 
     @classmethod
     def of(cls, arm: ArmWork) -> TransferChain:
@@ -37,11 +37,11 @@ class Evaluated:
     """A plan with its joints and times."""
 
     decisions: Decisions
-    """What was decided."""
+    """Platform angles and posture decisions of all stages."""
     arms: tuple[CandidatePostures, ...]
-    """Of every stage, by arm; idle stages' rows mean nothing."""
+    """Postures of all stages by arm; rows of idle stages are meaningless."""
     stages: FloatArray
-    """Length of each stage [s], infinite where it cannot be, shape (n,)."""
+    """Duration of each stage [s], infinite if infeasible, shape (n,)."""
     closing: float
     """Length of the return [s]; 0 without one."""
 
@@ -70,11 +70,11 @@ def in_seconds(
     Args:
         problem: the sequence.
         decisions: the plan.
-        arms: what it means at every stage, by arm.
+        arms: its postures at every stage, by arm.
     """
     stages, closing = stage_times(problem, decisions.angle, arms)
     rows_of = zip(problem.arms, decisions.arms, arms, strict=True)
-    same = Decisions(decisions.angle, tuple(anchored(*one) for one in rows_of))
+    same = Decisions(decisions.angle, tuple(anchored(*rows) for rows in rows_of))
     return Evaluated(same, arms, stages, closing)
 
 
@@ -82,11 +82,11 @@ def held(problem: SequenceProblem, plan: Evaluated) -> Evaluated:
     """Make stages infeasible whose lines fail between their samples."""
     angle = plan.decisions.angle
     holds = [lines_hold(problem, a, angle, rows) for a, rows in enumerate(plan.decisions.arms)]
-    if all(own.all() for own in holds):
+    if all(is_feasible.all() for is_feasible in holds):
         return plan
     arms = tuple(
-        replace(found, work=np.where(own, found.work, np.inf))
-        for found, own in zip(plan.arms, holds, strict=True)
+        replace(candidates, work=np.where(is_feasible, candidates.work, np.inf))
+        for candidates, is_feasible in zip(plan.arms, holds, strict=True)
     )
     stages, closing = stage_times(problem, angle, arms)
     return replace(plan, arms=arms, stages=stages, closing=closing)
@@ -104,29 +104,29 @@ def stage_times(
     """
     before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
     waiting = platform_times(problem, angle - before)
-    arrived, spent = np.zeros((2, len(arms), len(angle)))
+    arrived, work_times = np.zeros((2, len(arms), len(angle)))
     closing = 0.0
     if problem.returns:
         closing = float(platform_times(problem, np.array([before[0] - angle[-1]]))[0])
-    for a, (work, found) in enumerate(zip(problem.arms, arms, strict=True)):
+    for a, (work, candidates) in enumerate(zip(problem.arms, arms, strict=True)):
         chain = TransferChain.of(work)
         if not len(chain.active):
             continue
-        start = start_joints(problem, work, chain, found)
+        start = start_joints(problem, work, chain, candidates)
         k = chain.active
-        came = chain.previous[k]
-        q_from = np.where(came[:, None] >= 0, found.q_retract[came], start)
-        transfer = work.law.duration(found.q_approach[k] - q_from)
+        previous = chain.previous[k]
+        q_from = np.where(previous[:, None] >= 0, candidates.q_retract[previous], start)
+        transfer = work.law.duration(candidates.q_approach[k] - q_from)
         if problem.launches is not None:
-            leaving = q_from[:, None], left_with(found, came)[:, None]
-            arriving = found.q_approach[k, None], found.rates[k, None, 0]
+            leaving = q_from[:, None], left_with(candidates, previous)[:, None]
+            arriving = candidates.q_approach[k, None], candidates.rates[k, None, 0]
             transfer = transfer_times(work, leaving, arriving)[:, 0, 0]
         arrived[a, k] = np.maximum(transfer, waiting[k])
-        spent[a, k] = found.work[k]
+        work_times[a, k] = candidates.work[k]
         if problem.returns:
-            back = float(work.law.duration(start - found.q_retract[k[-1]]))
+            back = float(work.law.duration(start - candidates.q_retract[k[-1]]))
             closing = max(closing, back)
-    return stage_length(arrived, spent, together=problem.hands_over), closing
+    return stage_length(arrived, work_times, together=problem.hands_over), closing
 
 
 def start_angle(problem: SequenceProblem, angle: FloatArray) -> float:
@@ -137,25 +137,25 @@ def start_angle(problem: SequenceProblem, angle: FloatArray) -> float:
 
 
 def start_joints(
-    problem: SequenceProblem, work: ArmWork, chain: TransferChain, found: CandidatePostures
+    problem: SequenceProblem, work: ArmWork, chain: TransferChain, postures: CandidatePostures
 ) -> FloatArray:
-    """Returns one arm's joints before the first stage [rad], shape (joints,).
+    """Return one arm's joints before the first stage [rad], shape (joints,).
 
     A free start is where the first stage's transfer ends; an arm that is idle then starts in its start posture.
     """
     if problem.free_start and len(chain.active) and chain.active[0] == 0:
-        return found.q_approach[0]
+        return postures.q_approach[0]
     return work.start
 
 
-def left_with(found: CandidatePostures, came: IntArray) -> FloatArray:
+def left_with(postures: CandidatePostures, previous: IntArray) -> FloatArray:
     """Return an arm's rates at the start of its transfers, shape (m, 2, joints).
 
     Args:
-        found: its postures in every stage.
-        came: those stages, -1 for the start, shape (m,).
+        postures: its postures in every stage.
+        previous: those stages, -1 for the start, shape (m,).
     """
-    return np.where(came[:, None, None] >= 0, found.rates[came, 1], 0.0)
+    return np.where(previous[:, None, None] >= 0, postures.rates[previous, 1], 0.0)
 
 
 def platform_times(problem: SequenceProblem, moved: FloatArray) -> FloatArray:

@@ -155,12 +155,12 @@ def beam_search(
         plans: how many plans at most.
     """
     beam = _Beam(problem, arms, angles, width, per_angle)
-    found = _searched(beam, plans)
-    if problem.clearance is None or (found and found[0].is_possible):
-        return found
+    node_paths = _searched(beam, plans)
+    if problem.clearance is None or (node_paths and node_paths[0].is_possible):
+        return node_paths
     width = max(width, problem.settings.varied_states)
     varied = _searched(replace(beam, width=width, varied=True), plans)
-    return varied if varied and varied[0].is_possible else found
+    return varied if varied and varied[0].is_possible else node_paths
 
 
 def _searched(beam: _Beam, plans: int) -> list[NodePath]:
@@ -378,13 +378,13 @@ def _kinds(beam: _Beam, states: _States, step: BeamStep, k: int) -> IntArray:
     In a varied beam it is the platform angle and the quadrants of all joints after the stage.
     """
     columns = [step.angle_index.astype(np.float64)]
-    for a, (arm, own) in enumerate(zip(beam.arms, step.node, strict=True)):
+    for a, (arm, node) in enumerate(zip(beam.arms, step.node, strict=True)):
         layer = arm.layers[k]
         if beam.varied:
-            rows = states.joints[a][:, step.parent] if layer is None else layer.retract[:, own]
+            rows = states.joints[a][:, step.parent] if layer is None else layer.retract[:, node]
             columns += list(arm.quadrants(rows, beam.problem.settings.quadrant_border))
         elif layer is not None:
-            columns += [layer.decisions.branch[own], layer.decisions.yaw[own]]
+            columns += [layer.decisions.branch[node], layer.decisions.yaw[node]]
     return np.asarray(np.unique(np.round(columns, 5), axis=1, return_inverse=True)[1])
 
 

@@ -91,14 +91,14 @@ def exact_nodes(
     yaws = _yaws(problem, a, stage)
     f = np.repeat(np.arange(len(angles)), len(yaws))
     yaw = np.tile(yaws, len(angles))
-    found = _intervals_of_arm_angles(problem, a, stage, angles[f], yaw)
-    first, last = found.start[:, 0], found.end[:, 0]
+    intervals = _intervals_of_arm_angles(problem, a, stage, angles[f], yaw)
+    first, last = intervals.start[:, 0], intervals.end[:, 0]
     shares = problem.settings.interval_shares
     m, branch, k = (np.repeat(x, len(shares)) for x in np.nonzero(np.isfinite(first)))
     share = np.tile(shares, len(m) // len(shares))
     psi = first[m, branch, k] + (last - first)[m, branch, k] * share
-    psi_approach = _nearest(psi, found.start[m, 1, branch], found.end[m, 1, branch])
-    psi_retract = _nearest(psi, found.start[m, 2, branch], found.end[m, 2, branch])
+    psi_approach = _nearest(psi, intervals.start[m, 1, branch], intervals.end[m, 1, branch])
+    psi_retract = _nearest(psi, intervals.start[m, 2, branch], intervals.end[m, 2, branch])
     rows = np.flatnonzero(np.isfinite(psi_approach) & np.isfinite(psi_retract))
     looked_at = min(len(rows), problem.settings.node_oversampling * most)
     rows = rows[np.linspace(0, len(rows) - 1, looked_at).astype(np.int64)]
@@ -113,14 +113,14 @@ def exact_nodes(
         np.tile(work.kinematics.middle, (n, 1)),
     )
     index = f[m[rows]]
-    made = postures(problem, a, np.full(n, stage), angles[index], candidates)
-    possible = np.flatnonzero(made.possible)
+    joints = postures(problem, a, np.full(n, stage), angles[index], candidates)
+    possible = np.flatnonzero(joints.possible)
     nodes = Nodes(
         index[possible],
-        candidates.at(made.q_target).take(possible),
-        made.q_approach[possible],
-        made.q_retract[possible],
-        made.work[possible],
+        candidates.at(joints.q_target).take(possible),
+        joints.q_approach[possible],
+        joints.q_retract[possible],
+        joints.work[possible],
         stop.free_yaw and work.yaw_turns_last_joint,
     )
     return thinned(nodes, most)
@@ -185,9 +185,9 @@ def _intervals(problem: SequenceProblem, a: int, stage: int, around: Interval) -
     def feasible(angles: FloatArray) -> BoolArray:
         yaw = np.tile(yaws, len(angles))
         at = np.repeat(angles, len(yaws))
-        found = _intervals_of_arm_angles(problem, a, stage, at, yaw)
+        intervals = _intervals_of_arm_angles(problem, a, stage, at, yaw)
         # On one branch all along the lines, at any yaw.
-        branches = np.all(found.count > 0, axis=1)
+        branches = np.all(intervals.count > 0, axis=1)
         return np.asarray(branches.reshape(len(angles), -1).any(axis=1))
 
     angles = np.arange(*around, problem.platform.spacing(settings.scan_step, *around))
@@ -288,7 +288,7 @@ class ExactStages:
     problem: SequenceProblem
     """The sequence; what has to be collision-free in it does not matter."""
     _shared: dict[int, list[Interval]] = field(default_factory=dict)
-    _known: dict[tuple[int, int, int], tuple[FloatArray, list[Nodes | None]]] = field(
+    _node_cache: dict[tuple[int, int, int], tuple[FloatArray, list[Nodes | None]]] = field(
         default_factory=dict
     )
 
@@ -300,9 +300,9 @@ class ExactStages:
             count: maximum number of angles.
             most: maximum number of nodes of one stop.
         """
-        if (k, count, most) not in self._known:
-            self._known[k, count, most] = self._nodes(k, count, most)
-        return self._known[k, count, most]
+        if (k, count, most) not in self._node_cache:
+            self._node_cache[k, count, most] = self._nodes(k, count, most)
+        return self._node_cache[k, count, most]
 
     def shared(self, k: int) -> list[Interval]:
         """Return the shared platform angles of a stage [rad], see `shared_intervals`."""
@@ -344,17 +344,17 @@ class ExactStages:
             return None
         layers = [list(arm.layers) for arm in arms]
         for k in stages:
-            made = _own_nodes(problem, self, k, angles.shape[1], most, spares)
-            if made is None:
+            exact = _own_nodes(problem, self, k, angles.shape[1], most, spares)
+            if exact is None:
                 return None
-            angles[k], nodes = made
-            for a, (arm, own) in enumerate(zip(arms, nodes, strict=True)):
-                if own is not None:
+            angles[k], nodes = exact
+            for a, (arm, arm_nodes) in enumerate(zip(arms, nodes, strict=True)):
+                if arm_nodes is not None:
                     partner = nodes[1 - a] if k in problem.together else None
                     layers[a][k] = layer_of(
-                        problem, arm.table, angles[k], taking_turns(own, partner)
+                        problem, arm.table, angles[k], taking_turns(arm_nodes, partner)
                     )
-        return tuple(replace(arm, layers=own) for arm, own in zip(arms, layers, strict=True))
+        return tuple(replace(arm, layers=rows) for arm, rows in zip(arms, layers, strict=True))
 
 
 def taking_turns(nodes: Nodes, partner: Nodes | None) -> Nodes:
@@ -413,12 +413,12 @@ def _own_nodes(
     angles, every = exact.nodes(k, max(problem.settings.own_angles, count), most)
     for spare in spares:
         nodes = [
-            None if own is None else free_nodes(problem, a, k, angles, own, spare)
-            for a, own in enumerate(every)
+            None if arm_nodes is None else free_nodes(problem, a, k, angles, arm_nodes, spare)
+            for a, arm_nodes in enumerate(every)
         ]
-        working = [own for own in nodes if own is not None]
+        working = [arm_nodes for arm_nodes in nodes if arm_nodes is not None]
         shared = np.logical_and.reduce(
-            [np.bincount(own.angle_index, minlength=len(angles)) > 0 for own in working]
+            [np.bincount(arm_nodes.angle_index, minlength=len(angles)) > 0 for arm_nodes in working]
         )
         if shared.any():
             break
@@ -433,7 +433,7 @@ def _own_nodes(
     number[chosen] = np.arange(len(chosen))
     # Rows of the grid are all of one length: the last angle is repeated, without nodes.
     padded = np.append(angles[chosen], np.full(count - len(chosen), angles[chosen[-1]]))
-    return padded, [None if own is None else _renumbered(own, number) for own in nodes]
+    return padded, [None if rows is None else _renumbered(rows, number) for rows in nodes]
 
 
 def _renumbered(nodes: Nodes, number: IntArray) -> Nodes:

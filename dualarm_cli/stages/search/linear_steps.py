@@ -156,10 +156,10 @@ class _LinearisedPlan:
         lines, dwell = self._line_columns(a, k), self.problem.arms[a].stop_table.dwell[k]
         if len(problem.together):
             # In a hand-over the other arm's lines and dwell count as well.
-            other, met = 1 - a, np.isin(k, problem.together)
-            theirs = np.where(met[:, None], self._line_columns(other, k), -1)
+            other_arm, met = 1 - a, np.isin(k, problem.together)
+            theirs = np.where(met[:, None], self._line_columns(other_arm, k), -1)
             lines = np.column_stack([lines, theirs])
-            dwell = dwell + np.where(met, self.problem.arms[other].stop_table.dwell[k], 0.0)
+            dwell = dwell + np.where(met, self.problem.arms[other_arm].stop_table.dwell[k], 0.0)
         for columns, values, time in moves:
             columns = np.column_stack([columns, lines])
             values = np.column_stack([values, np.ones(lines.shape)])
@@ -170,16 +170,16 @@ class _LinearisedPlan:
 
         Times [s] and slopes [s/rad] have shape (m, joints).
         """
-        problem, work, found = self.problem, self.problem.arms[a], self.best.arms[a]
-        k, came = chain.active, chain.previous[chain.active]
+        problem, work, best = self.problem, self.problem.arms[a], self.best.arms[a]
+        k, before = chain.active, chain.previous[chain.active]
         q_from = np.where(
-            came[:, None] >= 0, found.q_retract[came], start_joints(problem, work, chain, found)
+            before[:, None] >= 0, best.q_retract[before], start_joints(problem, work, chain, best)
         )
-        timed = timed_slopes(work.law, found.q_approach[k] - q_from)
+        timed = timed_slopes(work.law, best.q_approach[k] - q_from)
         if problem.launches is None:
             return timed
-        leaving = q_from, left_with(found, came)
-        return passing.timed_slopes(work, leaving, (found.q_approach[k], found.rates[k, 0]), timed)
+        leaving = q_from, left_with(best, before)
+        return passing.timed_slopes(work, leaving, (best.q_approach[k], best.rates[k, 0]), timed)
 
     def _platform_move(
         self, law: RestToRest, k: IntArray
@@ -197,13 +197,13 @@ class _LinearisedPlan:
 
     def add_lines(self, a: int) -> None:
         """Append, per line and slow joint: joint time <= line time."""
-        work, found, rates = self.problem.arms[a], self.best.arms[a], self.rates[a]
+        work, postures, rates = self.problem.arms[a], self.best.arms[a], self.rates[a]
         k = TransferChain.of(work).active
         columns, lines = self._columns(a, k), self._line_columns(a, k)
-        pairs = ((found.approach, rates.approach), (found.retract, rates.retract))
+        pairs = ((postures.approach, rates.approach), (postures.retract, rates.retract))
         for end, (time, rate) in enumerate(pairs):
             # A line that is passed in motion changes as it does from rest to rest.
-            share = found.shares[:, end, None]
+            share = postures.shares[:, end, None]
             time, rate = time * share, rate * share[:, :, None]
             watched = (time[k] >= self.near_critical * time[k].max(axis=1, keepdims=True)) & (
                 time[k] > 0
@@ -231,12 +231,12 @@ class _LinearisedPlan:
             watched = time[:, 0] >= self.near_critical * best.closing
             self._add(columns, values, time[:, 0], last, watched)
         for a, work in enumerate(problem.arms):
-            chain, found, rates = TransferChain.of(work), best.arms[a], self.rates[a]
+            chain, postures, rates = TransferChain.of(work), best.arms[a], self.rates[a]
             if not len(chain.active):
                 continue
             k = int(chain.active[-1])
-            start = start_joints(problem, work, chain, found)
-            time, slope = timed_slopes(work.law, start - found.q_retract[k])
+            start = start_joints(problem, work, chain, postures)
+            time, slope = timed_slopes(work.law, start - postures.q_retract[k])
             moves = problem.free_start and chain.active[0] == 0
             for joint in range(work.joints):
                 columns = self._columns(a, np.array([k]))
@@ -249,13 +249,13 @@ class _LinearisedPlan:
 
     def add_limits(self, a: int, radius: FloatArray) -> None:
         """Append position limits that a step within the radius may reach."""
-        work, found, rates = self.problem.arms[a], self.best.arms[a], self.rates[a]
+        work, postures, rates = self.problem.arms[a], self.best.arms[a], self.rates[a]
         k = TransferChain.of(work).active
         columns = self._columns(a, k)
         for q, rate in (
-            (found.q_approach, rates.q_approach),
-            (found.q_target, rates.q_target),
-            (found.q_retract, rates.q_retract),
+            (postures.q_approach, rates.q_approach),
+            (postures.q_target, rates.q_target),
+            (postures.q_retract, rates.q_retract),
         ):
             swing = np.abs(rate[k]).sum(axis=2) * radius[k, None]
             for joint in range(work.joints):
@@ -311,7 +311,7 @@ def linear_step(
         round_number: odd rounds shift the windows by half a window.
     """
     windows = _windows(problem.stages, problem.settings.window, round_number)
-    rates = [slopes(problem, a, best.decisions, own) for a, own in enumerate(best.arms)]
+    rates = [slopes(problem, a, best.decisions, postures) for a, postures in enumerate(best.arms)]
     program = _LinearisedPlan(problem, variables, best, rates).program(radius)
     return _solve(problem, variables, best, program, windows, radius)
 
@@ -371,14 +371,14 @@ def _solve(
         least = np.concatenate([lower[inner], np.zeros(len(times))])
         most = np.concatenate([upper[inner], np.full(len(times), np.inf)])
         cost = np.concatenate([np.zeros(len(inner)), times <= n])
-        found = least_cost(cost, matrix, bound, least, most)
-        return None if found is None else found[: len(inner)]
+        solution = least_cost(cost, matrix, bound, least, most)
+        return None if solution is None else solution[: len(inner)]
 
     least = problem.settings.shared_windows
-    found = map_halves(lambda some: [solved(window) for window in some], windows, least)
-    for (first, end), own in zip(windows, found, strict=True):
-        if own is not None:
-            step[np.concatenate(inner_of[first:end])] = own
+    solution = map_halves(lambda block: [solved(window) for window in block], windows, least)
+    for (first, end), part in zip(windows, solution, strict=True):
+        if part is not None:
+            step[np.concatenate(inner_of[first:end])] = part
     return step
 
 

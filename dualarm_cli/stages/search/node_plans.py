@@ -35,8 +35,8 @@ from dualarm_cli.stages.search.potentials import ArmLayers, arm_layers, with_pot
 def with_yaws(problem: SequenceProblem, decisions: Decisions) -> Decisions:
     """Choose free yaws that spread the last joint's turn evenly over transfers.
 
-    Between two stops of fixed yaw every transfer then turns the last joint equally far. A stop that would leave its
-    limits takes the nearest yaw that does not; one that cannot be at all takes the nearest of some around the circle.
+    Between two stops of fixed yaw every transfer then turns the last joint equally far. A stop beyond the limits takes
+    the nearest yaw within them; an infeasible stop takes the nearest feasible yaw of a grid around the circle.
     """
     arms = []
     for a, work in enumerate(problem.arms):
@@ -67,8 +67,8 @@ def _shared_out(
 ) -> ArmDecisions:
     work = problem.arms[a]
     stages = TransferChain.of(work).active
-    found = postures(problem, a, stages, angle[stages], rows.take(stages))
-    q = np.column_stack([found.q_approach, found.q_target, found.q_retract]).reshape(
+    joints = postures(problem, a, stages, angle[stages], rows.take(stages))
+    q = np.column_stack([joints.q_approach, joints.q_target, joints.q_retract]).reshape(
         -1, 3, work.joints
     )
     last = q[:, :, -1]
@@ -109,8 +109,8 @@ def _repaired(
     free: BoolArray,
 ) -> ArmDecisions:
     stages = np.nonzero(free)[0]
-    found = postures(problem, a, stages, angle[stages], rows.take(stages))
-    for k in stages[~found.possible]:
+    joints = postures(problem, a, stages, angle[stages], rows.take(stages))
+    for k in stages[~joints.possible]:
         turns = np.linspace(-np.pi, np.pi, problem.settings.repair_yaws, endpoint=False)
         same = np.full(len(turns), k)
         turns = turns[np.argsort(np.abs(turns), kind="stable")]
@@ -128,9 +128,9 @@ class NodePlans:
     """Plans and lower bound of one grid."""
 
     plans: list[tuple[NodePath, Evaluated]]
-    """Different plans whose lines are all possible, the best on the nodes first; none where none was found."""
+    """Different plans with feasible lines, best on the nodes first."""
     bound: float | None
-    """No plan on the nodes is faster, with their own line times [s]; None where a stop has no node."""
+    """Lower bound of all plans on the nodes, with their line times [s]; None if a stop has no node."""
     lacking: tuple[int, ...] = ()
     """Stages for which no nodes were found, where that is why there is no plan."""
 
@@ -146,9 +146,9 @@ class _StageNodes:
     angles: FloatArray
     """Platform angles at each stage [rad], shape (n, f)."""
     near: Evaluated | None
-    """A plan that the nodes lie around."""
+    """Plan around which nodes are placed."""
     loose: BoolArray | None
-    """Stages in which they do, shape (n,); in all others the plan's own postures are the only nodes. None for all."""
+    """Stages with nodes around the plan, shape (n,); None for all. The others have the plan's postures alone."""
     handed: dict[tuple[int, int], Nodes] = field(default_factory=dict)
     """Nodes of hand-overs, which are taken twice, by arm and stage."""
 
@@ -175,9 +175,9 @@ class _StageNodes:
         if near is not None and self.loose is not None and not self.loose[k]:
             return own_node(problem, a, k, angles, near)
         grid = Grid(angles, self.mesh.arm_angles, self.mesh.most_nodes)
-        own = None if near is None else near.decisions.arms[a]
-        found = grid_nodes(problem, a, k, grid, own)
-        return free_nodes(problem, a, k, angles, found)
+        decisions = None if near is None else near.decisions.arms[a]
+        nodes = grid_nodes(problem, a, k, grid, decisions)
+        return free_nodes(problem, a, k, angles, nodes)
 
 
 def plans_on_nodes(
@@ -196,8 +196,7 @@ def plans_on_nodes(
         mesh: how finely nodes are set.
         plans: how many plans at most.
         near: a plan around which the platform angles lie, if the mesh has them around one.
-        loose: the stages that are looked at, shape (n,); in all others that plan's own postures are the only nodes. All
-            by default.
+        loose: stages to search, shape (n,), all by default; the others have that plan's postures as their only nodes.
     """
     if mesh.around and near is not None:
         angles = angles_near(problem, near.decisions, mesh)
@@ -209,30 +208,30 @@ def plans_on_nodes(
     # Few stages' nodes are made faster than a process is copied.
     least = 2 if problem.stages >= problem.settings.shared_stages else len(problem.arms) + 1
     arms = tuple(map_halves(made.layers, range(len(problem.arms)), least))
-    own: set[int] = set()
+    moved_stages: set[int] = set()
     bound: float | None = None
     for _ in range(problem.settings.beam_repeats):
         lacking = stages_without_angle(arms, angles.shape[1])
-        if own.intersection(lacking):
+        if moved_stages.intersection(lacking):
             return NodePlans([], bound, tuple(lacking))
-        # Near a plan, stages with less than SLACK everywhere stay as they are in that plan; here they have no other.
+        # Near a plan, stages with less than SLACK everywhere keep their postures of that plan.
         spares = (SLACK, 0.0) if near is None else (SLACK,)
         refined = exact.layers(problem, arms, angles, lacking, mesh.most_nodes, spares)
         if refined is None:
             return NodePlans([], bound, tuple(lacking))
-        own.update(lacking)
+        moved_stages.update(lacking)
         if bound is None or lacking:
             arms = with_potentials(problem, refined, angles.shape[1])
             bound = max(arm.bound for arm in arms)
         paths = beam_search(problem, arms, angles, mesh.width, mesh.per_angle, plans)
-        found = []
+        candidates = []
         for path in paths:
             spread = replace(path, decisions=with_yaws(problem, path.decisions))
-            found.append((spread, held(problem, evaluate(problem, spread.decisions))))
-        possible = [(path, plan) for path, plan in found if np.isfinite(plan.total)]
-        if possible or not found:
+            candidates.append((spread, held(problem, evaluate(problem, spread.decisions))))
+        possible = [(path, plan) for path, plan in candidates if np.isfinite(plan.total)]
+        if possible or not candidates:
             return NodePlans(possible, bound)
-        arms = tuple(_without(problem, angles, arm, a, found[0]) for a, arm in enumerate(arms))
+        arms = tuple(_without(problem, angles, arm, a, candidates[0]) for a, arm in enumerate(arms))
     return NodePlans([], bound)
 
 
@@ -240,15 +239,15 @@ def own_node(
     problem: SequenceProblem, a: int, k: int, angles: FloatArray, plan: Evaluated
 ) -> Nodes:
     """Return a plan's own node at a stop."""
-    work, found, row = problem.arms[a], plan.arms[a], np.array([k])
+    work, postures, row = problem.arms[a], plan.arms[a], np.array([k])
     stop = work.stops[k]
     assert stop is not None  # callers ask for active stages only
     return Nodes(
         np.array([np.argmin(np.abs(angles - plan.decisions.angle[k]))]),
-        plan.decisions.arms[a].take(row).at(found.q_target[row]),
-        found.q_approach[row],
-        found.q_retract[row],
-        found.work[row],
+        plan.decisions.arms[a].take(row).at(postures.q_target[row]),
+        postures.q_approach[row],
+        postures.q_retract[row],
+        postures.work[row],
         stop.free_yaw and work.yaw_turns_last_joint,
     )
 
@@ -283,20 +282,20 @@ def _without(
     angles: FloatArray,
     arm: ArmLayers,
     a: int,
-    found: tuple[NodePath, Evaluated],
+    failed: tuple[NodePath, Evaluated],
 ) -> ArmLayers:
     """Remove the nodes with infeasible lines from stages that a plan uses.
 
     If no angle is left that a stage's arms share, the next round gives it angles of its own.
     """
-    (path, plan), layers = found, list(arm.layers)
+    (path, plan), layers = failed, list(arm.layers)
     for k in arm.chain.active:
         layer = layers[k]
         if layer is None or plan.arms[a].possible[k]:
             continue
         times = layer.work.copy()
         times[path.nodes[a, k]] = np.inf
-        # What a free yaw will be is not known yet, and following lines of other arms takes long.
+        # Free yaws are decided later, and tracing lines of arms without an arm angle is slow.
         if problem.arms[a].kinematics.has_arm_angle and not layer.free_last:
             stage, angle = np.full(len(times), k), angles[k, layer.angle_index]
             lines = postures(problem, a, stage, angle, layer.decisions)

@@ -36,12 +36,11 @@ class PlanClearance:
     """Collision check of a plan of n stages."""
 
     stops: BoolArray
-    """Where approach, target and retract of each arm are collision-free, and where retracts of both end, shape (n,)."""
+    """Flags of stages with collision-free lines, targets and retract ends, shape (n,)."""
     moves: BoolArray
-    """Where the move into a stage, and last the return, is not a no-good, shape (n + 1,)."""
+    """Flags of moves into stages, last the return, that are no no-goods, shape (n + 1,)."""
     waits: FloatArray
-    """About what it costs that an arm's straight move touches something or the arms meet, by stage, and last in the
-    return [s], shape (n + 1,)."""
+    """Estimated cost of collisions by stage, last the return [s], shape (n + 1,)."""
 
     @property
     def penalty(self) -> float:
@@ -54,9 +53,8 @@ class PlanClearance:
 def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     """Check a plan for collisions; all clear if checking is disabled.
 
-    Arms at the same place of their lines are looked at together, as are arms that wait where they ended: where they
-    meet at the targets one goes after the other, but both are where their retracts end at last. Moves are taken
-    as straight in all joints.
+    Both arms are checked at equal places of their lines and where they wait. If they collide at the targets, one arm
+    goes after the other; the ends of their retracts must be collision-free. Moves are straight in joint space.
 
     Args:
         problem: the sequence.
@@ -78,29 +76,29 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     on_lines = (*(test.coming,) * 2, *(test.leaving,) * 2, test.at_targets)
     held = np.concatenate([*on_lines, test.before, test.after, moving])
     cross = test.cell.cross_margins(position, held)
-    own = np.full(len(position), np.inf)
+    arm_margins = np.full(len(position), np.inf)
     for a, arm in enumerate(problem.arms):
         margin = test.cell.own_margins(a, position, held[:, a])
-        # An arm that stands still is where it is: it need not keep more than it must.
+        # An idle arm does not move: it needs no slack beyond the required clearance.
         idle = np.array([stop is None for stop in arm.stops], dtype=np.bool_)
         margin[: PENALTY.stops * n] += np.where(np.tile(idle, PENALTY.stops), SLACK, 0.0)
-        own = np.minimum(own, margin)
+        arm_margins = np.minimum(arm_margins, margin)
     stops = PENALTY.stops * n
-    alone = (own[:stops] >= SLACK).reshape(PENALTY.stops, n)
+    alone = (arm_margins[:stops] >= SLACK).reshape(PENALTY.stops, n)
     both = (cross[:stops] >= SLACK).reshape(PENALTY.stops, n)
-    lacks = np.maximum(-own[stops:], 0.0).reshape(n + 1, SAMPLES).max(axis=1)
+    lacks = np.maximum(-arm_margins[stops:], 0.0).reshape(n + 1, SAMPLES).max(axis=1)
     apart = np.all((cross[stops:] >= 0.0).reshape(n + 1, SAMPLES), axis=1)
-    known = np.zeros(n + 1)
+    no_good_waits = np.zeros(n + 1)
     for k in {no_good.stage for no_good in test.no_goods}:
-        [known[k]] = test.no_good_costs(k, starts[k, None], ends[k, None])
+        [no_good_waits[k]] = test.no_good_costs(k, starts[k, None], ends[k, None])
     waits = move_waits(test.pace, lacks, apart)
-    waits = np.maximum(waits, np.where(np.isfinite(known), known, 0.0))
+    waits = np.maximum(waits, np.where(np.isfinite(no_good_waits), no_good_waits, 0.0))
     waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * PENALTY.turns)
-    # In a hand-over neither can be there after the other.
+    # In a hand-over the arms cannot go one after the other.
     together = both[-1] & (both.all(axis=0) | ~test.handing)
     stops_clear = np.asarray(alone.all(axis=0) & together)
     stops_clear[list(test.settled)] = True
-    return PlanClearance(stops_clear, np.isfinite(known), waits)
+    return PlanClearance(stops_clear, np.isfinite(no_good_waits), waits)
 
 
 def step_waits(
@@ -113,11 +111,11 @@ def step_waits(
 ) -> FloatArray:
     """Estimate the clearance cost of n steps into a stage [s], infinite if blocked, (n,).
 
-    Each arm by itself is free at its stops, which are nodes. What is looked at is each arm on its straight move, and
-    both arms together there and at their stops; as in `plan_clearance`.
+    Stops are nodes, where each arm alone is collision-free. Checked are each arm on its straight move, and both arms
+    together there and at their stops, as in `plan_clearance`.
 
     Args:
-        test: what is collision-free.
+        test: collision test of the sequence.
         stage: its number.
         start: all joints before it [rad], shape (n, columns).
         arrival: after the transfer, shape (n, columns).
@@ -125,15 +123,15 @@ def step_waits(
         end: after the retracts, shape (n, columns).
     """
     n, before, after = len(start), test.before[stage], test.after[stage]
-    way = test.along(start, arrival)
-    held = np.repeat([before, test.at_targets[stage], after], [len(way) + n, n, n], axis=0)
-    cross = test.cell.cross_margins(np.concatenate([way, arrival, target, end]), held)
-    lacks = np.zeros(len(way))
+    moves = test.along(start, arrival)
+    held = np.repeat([before, test.at_targets[stage], after], [len(moves) + n, n, n], axis=0)
+    cross = test.cell.cross_margins(np.concatenate([moves, arrival, target, end]), held)
+    lacks = np.zeros(len(moves))
     for a in range(len(before)):
-        own = test.cell.own_margins(a, way, np.full(len(way), before[a]))
-        lacks = np.maximum(lacks, -own)
-    apart = np.all((cross[: len(way)] >= 0.0).reshape(n, SAMPLES), axis=1)
-    stops = (cross[len(way) :] >= SLACK).reshape(3, n)
+        margins = test.cell.own_margins(a, moves, np.full(len(moves), before[a]))
+        lacks = np.maximum(lacks, -margins)
+    apart = np.all((cross[: len(moves)] >= 0.0).reshape(n, SAMPLES), axis=1)
+    stops = (cross[len(moves) :] >= SLACK).reshape(3, n)
     waits = move_waits(test.pace, lacks.reshape(n, SAMPLES).max(axis=1), apart)
     waits = np.maximum(waits, test.no_good_costs(stage, start, arrival))
     must = test.handing[stage] and stage not in test.settled
@@ -157,8 +155,8 @@ def move_waits(pace: float, lacks: FloatArray, apart: BoolArray) -> FloatArray:
 def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -> FloatArray:
     """Return all joints before the first stage [rad]."""
     joints = [
-        start_joints(problem, work, TransferChain.of(work), found)[None]
-        for work, found in zip(problem.arms, plan.arms, strict=True)
+        start_joints(problem, work, TransferChain.of(work), postures)[None]
+        for work, postures in zip(problem.arms, plan.arms, strict=True)
     ]
     angle = np.array([start_angle(problem, plan.decisions.angle)])
     return test.positions(angle, joints)[0]
@@ -171,18 +169,18 @@ def _joints(
     n = problem.stages
     at_end, at_target, after = [], [], []
     on_lines: list[list[FloatArray | None]] = [[], [], [], []]
-    for work, found in zip(problem.arms, plan.arms, strict=True):
+    for work, postures in zip(problem.arms, plan.arms, strict=True):
         chain = TransferChain.of(work)
         # An idle arm waits where it ended last.
         last = np.where(np.isin(np.arange(n), chain.active), np.arange(n), chain.previous)
-        start = start_joints(problem, work, chain, found)
-        waits = np.where(last[:, None] >= 0, found.q_retract[last], start)
+        start = start_joints(problem, work, chain, postures)
+        waits = np.where(last[:, None] >= 0, postures.q_retract[last], start)
         active = np.isin(np.arange(n), chain.active)[:, None]
-        at_end.append(np.where(active, found.q_approach, waits))
-        at_target.append(np.where(active, found.q_target, waits))
+        at_end.append(np.where(active, postures.q_approach, waits))
+        at_target.append(np.where(active, postures.q_target, waits))
         after.append(waits)
         for k, place in enumerate(on_lines):
-            place.append(np.where(active, found.q_between[:, k], waits))
+            place.append(np.where(active, postures.q_between[:, k], waits))
     angle = plan.decisions.angle
     return (
         test.positions(angle, at_end),

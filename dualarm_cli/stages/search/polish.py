@@ -48,7 +48,7 @@ class Polishing:
         variables = Variables.of(problem, self.loose)
         if not variables.count:
             return start
-        # Its module is loaded when it is first asked for, which takes time.
+        # Importing numpy's random module takes time: only if needed.
         random = np.random.default_rng(self.seed) if random_steps else None
         best, radius = start, settings.first_radius
         for k in range(rounds):
@@ -57,16 +57,16 @@ class Polishing:
             steps = np.vstack(
                 [np.outer(shares, step), _random_steps(random, variables, radius, random_steps)]
             )
-            moved = [_within(problem, variables.moved(best.decisions, one)) for one in steps]
+            moved = [_within(problem, variables.moved(best.decisions, row)) for row in steps]
             pool = Pool.of(problem, best, moved)
-            found = combined(problem, pool, best)
+            combination = combined(problem, pool, best)
             if problem.returns:
-                # The return of an arm that is idle at the end is no matter of neighbours: whole steps see it.
+                # An idle arm's return depends on distant stages: only whole steps show its cost.
                 whole = [pool.plan(np.full(problem.stages, m + 1)) for m in range(len(shares))]
-                found = _best(problem, [found, *whole])
-            if best.total - found.total < settings.least_gain * best.total:
+                combination = _best(problem, [combination, *whole])
+            if best.total - combination.total < settings.least_gain * best.total:
                 radius *= settings.radius_factor
-            best = found
+            best = combination
             if radius < settings.smallest_radius:
                 break
         sure = held(problem, best)
@@ -79,12 +79,12 @@ def _best(problem: SequenceProblem, plans: list[Evaluated]) -> Evaluated:
     """Return the shortest plan, collision penalties included."""
     if problem.clearance is None:
         return min(plans, key=lambda plan: plan.total)
-    least, worth = plans[0], plans[0].total + plan_clearance(problem, plans[0]).penalty
+    least, objective = plans[0], plans[0].total + plan_clearance(problem, plans[0]).penalty
     for plan in plans[1:]:
-        if plan.total < worth:
-            own = plan.total + plan_clearance(problem, plan).penalty
-            if own < worth:
-                least, worth = plan, own
+        if plan.total < objective:
+            candidate = plan.total + plan_clearance(problem, plan).penalty
+            if candidate < objective:
+                least, objective = plan, candidate
     return least
 
 

@@ -38,7 +38,7 @@ class Layer:
     """Time of approach, dwell and retract [s], shape (n,)."""
 
     def by_angle(self, f: int) -> IntArray:
-        """List the nodes of each of f platform angles, shape (f, w), padded with the number of nodes."""
+        """List the nodes of each platform angle, shape (f, w), padded with the number of nodes."""
         n = len(self.angle_index)
         count = np.bincount(self.angle_index, minlength=f)
         table = np.full((f, max(1, int(count.max()))), n, dtype=np.int64)
@@ -58,9 +58,9 @@ class ArmLayers:
     layers: Sequence[Layer | None]
     """Layer of each stage; None in idle stages."""
     potential: Sequence[Times | None]
-    """Least time from the end of each node's retract to the end of all [s], by stage."""
+    """Least remaining time after each node's retract [s], by stage."""
     passed: FloatArray
-    """Part of the potentials that each stage in which the arm is idle stands for [s], 0 elsewhere, shape (n,)."""
+    """Part of the potentials due to each idle stage [s], 0 elsewhere, shape (n,)."""
     bound: float
     """Least time of the whole sequence as this arm sees it [s]."""
 
@@ -72,10 +72,10 @@ class ArmLayers:
             assert layer is not None  # a node of it is chosen
             rows = rows.put(np.array([k]), layer.decisions.take(chosen[[k]]))
             if stop is not None and stop.configurations is not None:
-                # Layers are in single precision; a given configuration is given.
+                # Layers are in single precision; given configurations are exact.
                 q = stop.configurations[rows.target[[k]]]
-                own = given_postures(work, rows.take(np.array([k])), q)
-                rows = rows.put(np.array([k]), own)
+                given = given_postures(work, rows.take(np.array([k])), q)
+                rows = rows.put(np.array([k]), given)
         return rows
 
     def quadrants(self, joints: Coordinates, border: float) -> IntArray:
@@ -94,8 +94,8 @@ class ArmLayers:
         kinds = np.unique(rows, axis=1, return_inverse=True)[1]
         best = np.zeros(total.shape, dtype=np.bool_)
         for kind in range(int(kinds.max(initial=-1)) + 1):
-            own = np.flatnonzero(kinds == kind)
-            best[np.arange(len(total)), own[np.argmin(total[:, own], axis=1)]] = True
+            members = np.flatnonzero(kinds == kind)
+            best[np.arange(len(total)), members[np.argmin(total[:, members], axis=1)]] = True
         return best
 
 
@@ -129,8 +129,8 @@ def arm_layers(
     work = problem.arms[arm]
     table = transfer_table(problem, work)
     layers = [
-        None if own is None else layer_of(problem, table, here, own)
-        for here, own in zip(angles, nodes, strict=True)
+        None if stage_nodes is None else layer_of(problem, table, here, stage_nodes)
+        for here, stage_nodes in zip(angles, nodes, strict=True)
     ]
     n = problem.stages
     return ArmLayers(table, TransferChain.of(work), layers, [None] * n, np.zeros(n), 0.0)
@@ -275,8 +275,8 @@ def _least(edges: _Edges, left: Times, others: Sequence[Times]) -> Times:
     """Compute the least time from every node before, both arms considered, (n before,)."""
     # No stage is shorter than 0: alone an arm is as long as it needs.
     floor = np.zeros_like(edges.relaxed)
-    for other in others:
-        np.maximum(floor, other if edges.adjacent else other.min(axis=0), out=floor)
+    for times in others:
+        np.maximum(floor, times if edges.adjacent else times.min(axis=0), out=floor)
     return least_through(edges.times, (edges.angle_before, edges.angle), floor, left)
 
 

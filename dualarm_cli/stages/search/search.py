@@ -128,9 +128,9 @@ def _apart(
     for plan in sorted(plans, key=lambda plan: _objective(problem, plan)):
         angle, kind = plan.decisions.angle, plan.decisions.kind
         if all(
-            np.abs(angle - other.decisions.angle).max() > problem.settings.same_angle
-            or kind != other.decisions.kind
-            for other in selected
+            np.abs(angle - chosen.decisions.angle).max() > problem.settings.same_angle
+            or kind != chosen.decisions.kind
+            for chosen in selected
         ):
             selected.append(plan)
     return selected[1:]
@@ -156,12 +156,12 @@ def polished_thoroughly(
         return best
     polished = partial(polished_in_motion, polishing, how)
     unpolished, others = rivals
-    found = [*map_halves(partial(polished, range(how.cycles)), [best, *unpolished]), *others]
-    if len(found) == 1:
-        return found[0]
-    moving = [with_best_launches(problem, plan) for plan in found]
+    candidates = [*map_halves(partial(polished, range(how.cycles)), [best, *unpolished]), *others]
+    if len(candidates) == 1:
+        return candidates[0]
+    moving = [with_best_launches(problem, plan) for plan in candidates]
     k = min(range(len(moving)), key=lambda k: _objective(*moving[k]))
-    beside = [plan.decisions for plan in found[:k] + found[k + 1 :]]
+    beside = [plan.decisions for plan in candidates[:k] + candidates[k + 1 :]]
     best = best_combination(moving[k][0], moving[k][1], beside)
     # Its best launches are known, so the first cycle is skipped.
     return polished(range(1, how.cycles), [evaluate(at_rest.problem, best.decisions)])[0]
@@ -210,11 +210,11 @@ def search_in_parts(
     at_rest = replace(problem, launches=None)
 
     def decided(first: int, past: int) -> Decisions | None:
-        own = [start.take(np.arange(first, past)) for start in starts]
+        part_starts = [start.take(np.arange(first, past)) for start in starts]
         for part in _with_room(stretch_of(problem, first, past)):
-            found = search(part, own, effort, seed)
-            if found is not None and not found.is_infeasible:
-                return found.best.decisions
+            parts = search(part, part_starts, effort, seed)
+            if parts is not None and not parts.is_infeasible:
+                return parts.best.decisions
         return None
 
     joined = in_parts(problem, decided, starts)
@@ -224,7 +224,7 @@ def search_in_parts(
     how, decisions = search_effort(problem, effort), plan.decisions
 
     def polished(stretches: Sequence[Stretch]) -> list[Decisions]:
-        found = []
+        parts = []
         for stretch in stretches:
             for part in _with_room(stretch.problem):
                 polishing = Polishing(part, seed, stretch.loose)
@@ -232,8 +232,8 @@ def search_in_parts(
                 if np.isfinite(best.total):
                     best = polished_thoroughly(polishing, best, replace(how, random_steps=0))
                     break
-            found.append(best.decisions)
-        return found
+            parts.append(best.decisions)
+        return parts
 
     stretches = loose_stretches(problem, plan, near)
     for stretch, part in zip(stretches, map_halves(polished, stretches), strict=True):
@@ -281,15 +281,15 @@ def search_near(
     if problem.stages <= SCALING.long and not local:
         loose[:] = True
 
-    def decided(plan: Decisions, mesh: Mesh, some: Sequence[Stretch]) -> list[Decisions | None]:
-        found = []
-        for stretch in some:
+    def decided(plan: Decisions, mesh: Mesh, batch: Sequence[Stretch]) -> list[Decisions | None]:
+        decided_parts = []
+        for stretch in batch:
             tried = (
                 _near(replace(stretch, problem=part), plan, colliding_stages, (how, mesh), seed)
                 for part in _with_room(stretch.problem)
             )
-            found.append(next((one for one in tried if one is not None), None))
-        return found
+            decided_parts.append(next((part for part in tried if part is not None), None))
+        return decided_parts
 
     # If no plan nearby is clear, search the whole range with more neighbours.
     for mesh, more in ((how.near, 0), (how.meshes[0], problem.settings.further_neighbours)):
@@ -314,7 +314,7 @@ def search_near(
         if len(stretch.stages) == problem.stages:
             return None
         parts_with = (search(part, [], effort, seed) for part in _with_room(stretch.problem))
-        least = next((one for one in parts_with if one is not None), None)
+        least = next((part for part in parts_with if part is not None), None)
         if least is None:
             return None
         decisions = stretch.put(decisions, least.best.decisions)
@@ -368,7 +368,7 @@ def _near(
 
 
 def _never_clear(problem: SequenceProblem, plans: Sequence[Evaluated]) -> list[int]:
-    """Return the stages whose stops lack clearance in all given plans."""
+    """List the stages whose stops lack clearance in every given plan."""
     if not plans:
         return []
     clear = np.logical_or.reduce([plan_clearance(problem, plan).stops for plan in plans])
@@ -409,11 +409,11 @@ def _loose(problem: SequenceProblem, plan: Evaluated, colliding_stages: Sequence
 
 def _beside(stages: BoolArray, count: int) -> BoolArray:
     """Extend flagged stages by neighbours on both sides, shape (n,)."""
-    found, n = stages.copy(), len(stages)
+    extended, n = stages.copy(), len(stages)
     for k in range(1, min(count, n - 1) + 1):
-        found[k:] |= stages[:-k]
-        found[:-k] |= stages[k:]
-    return found
+        extended[k:] |= stages[:-k]
+        extended[:-k] |= stages[k:]
+    return extended
 
 
 def combination(
@@ -426,13 +426,13 @@ def combination(
     if len(pool) == 1 and not how.local_rounds:
         return pool[0], []
     problem, settings = polishing.problem, polishing.problem.settings
-    worth = [_objective(problem, plan) for plan in pool]
-    limit = (1.0 + settings.promising) * min(worth)
-    promising = [k for k, own in enumerate(worth) if own <= limit]
+    objectives = [_objective(problem, plan) for plan in pool]
+    limit = (1.0 + settings.promising) * min(objectives)
+    promising = [k for k, objective in enumerate(objectives) if objective <= limit]
     if problem.stages > SCALING.long and how.spares:
-        promising = sorted(promising, key=lambda k: worth[k])[: settings.polished_in_long]
+        promising = sorted(promising, key=lambda k: objectives[k])[: settings.polished_in_long]
     tried = map_halves(
-        lambda some: [polishing.polished(pool[k], how.trial_rounds, 0) for k in some],
+        lambda batch: [polishing.polished(pool[k], how.trial_rounds, 0) for k in batch],
         promising,
     )
     tried.sort(key=lambda plan: _objective(problem, plan))

@@ -160,20 +160,20 @@ def in_parts(
         (max(0, first - common), min(n, past + common))
         for first, past in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
     ]
-    parts = map_halves(lambda some: [decided(*span) for span in some], spans)
+    parts = map_halves(lambda batch: [decided(*span) for span in batch], spans)
     idle = tuple(ArmDecisions.idle(work.start, n) for work in problem.arms)
-    one = other = Decisions(np.zeros(n), idle)
+    plan_a = plan_b = Decisions(np.zeros(n), idle)
     for number, (span, part) in enumerate(zip(spans, parts, strict=True)):
         if part is None:
             return None
         stages = np.arange(*span)
-        own = (stages >= edges[number]) & (stages < edges[number + 1])
-        one = one.put_all(stages[own], part.take(np.flatnonzero(own)))
+        inside = (stages >= edges[number]) & (stages < edges[number + 1])
+        plan_a = plan_a.put_all(stages[inside], part.take(np.flatnonzero(inside)))
         # The other plan has what this one leaves out, and the same elsewhere.
         inner = (stages >= span[0] + 2 * common * (number > 0)) | (number == 0)
         inner &= (stages < span[1] - 2 * common) | (number == count - 1)
-        rows = inner | ~own
-        other = other.put_all(stages[rows], part.take(np.flatnonzero(rows)))
-    best = best_combination(problem, evaluate(problem, one), [other, *starts])
+        rows = inner | ~inside
+        plan_b = plan_b.put_all(stages[rows], part.take(np.flatnonzero(rows)))
+    best = best_combination(problem, evaluate(problem, plan_a), [plan_b, *starts])
     near = np.abs(np.arange(n)[:, None] - edges[1:-1] + 0.5).min(axis=1) < common
     return best, near

@@ -110,7 +110,7 @@ def slopes(
     candidates = shifted(decisions.arms[arm].take(stage), step[:, 1:])
     # From rest to rest: lines that are passed in motion are taken to change alike.
     at_rest = replace(problem, launches=None)
-    found = postures(at_rest, arm, stage, decisions.angle[stage] + step[:, 0], candidates)
+    joints = postures(at_rest, arm, stage, decisions.angle[stage] + step[:, 0], candidates)
 
     def rate(ahead: FloatArray, here: FloatArray) -> FloatArray:
         rates = np.zeros((n, here.shape[1], v))
@@ -119,11 +119,11 @@ def slopes(
         return rates
 
     usable = np.zeros((n, 1, v), dtype=np.bool_)
-    usable[:, 0, free] = found.possible.reshape(n, -1) & base.possible[:, None]
+    usable[:, 0, free] = joints.possible.reshape(n, -1) & base.possible[:, None]
     return Slopes(
-        rate(found.q_approach, base.q_approach),
-        rate(found.q_target, base.q_target),
-        rate(found.q_retract, base.q_retract),
-        np.where(usable, rate(found.approach, base.approach), 0.0),
-        np.where(usable, rate(found.retract, base.retract), 0.0),
+        rate(joints.q_approach, base.q_approach),
+        rate(joints.q_target, base.q_target),
+        rate(joints.q_retract, base.q_retract),
+        np.where(usable, rate(joints.approach, base.approach), 0.0),
+        np.where(usable, rate(joints.retract, base.retract), 0.0),
     )
