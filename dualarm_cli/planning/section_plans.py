@@ -79,10 +79,7 @@ def _rules(job: Job) -> _Rules:
     within = {t for row in (*alone, *rows) for t in row}
     singles = [(t,) for t in range(len(job.tasks)) if t not in within]
     before = [
-        (earlier, t)
-        for t, task in enumerate(job.tasks)
-        for name in task.after
-        for earlier in numbers[name]
+        (a, t) for t, task in enumerate(job.tasks) for name in task.after for a in numbers[name]
     ]
     return _Rules(tuple(alone), tuple(sorted((*rows, *singles))), tuple(before))
 

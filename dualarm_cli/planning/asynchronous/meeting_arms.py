@@ -281,23 +281,19 @@ class ArmCoordination:
         if leaving is None:
             return None
         waits = []
-        for a, timeline in enumerate(steps):
-            reasons: dict[int, tuple[float, WaitReason]] = {}
+        for a, arm in enumerate(steps):
+            why: dict[int, tuple[float, WaitReason]] = {}
             for rule in rules:
                 if rule.arm == a and rule.reason and rule.reason != "buffer":
-                    place = timeline.places[rule.rest]
-                    reasons[place] = max(
-                        reasons.get(place, (0.0, rule.reason)), (due(rule, leaving), rule.reason)
+                    place = arm.places[rule.rest]
+                    why[place] = max(
+                        why.get(place, (0.0, rule.reason)), (due(rule, leaving), rule.reason)
                     )
             waits.append(
                 [
-                    Wait(
-                        time,
-                        length,
-                        "buffer" if missed(a, k) else _reason(timeline.places[k], reasons),
-                    )
+                    Wait(time, length, "buffer" if missed(a, k) else _reason(arm.places[k], why))
                     for k, (time, length) in enumerate(
-                        zip(timeline.rests, waits_at(timeline, leaving[a]), strict=True)
+                        zip(arm.rests, waits_at(arm, leaving[a]), strict=True)
                     )
                     if length > SAME_TIME
                 ]

@@ -34,9 +34,8 @@ def postures(
     """
     work = problem.arms[arm]
     at_rest = _source(work).postures(problem, arm, stage, angle, candidates)
-    return (
-        at_rest if problem.launches is None else passed(work, problem.launches[arm][stage], at_rest)
-    )
+    launches = problem.launches
+    return at_rest if launches is None else passed(work, launches[arm][stage], at_rest)
 
 
 def grid_nodes(

@@ -198,10 +198,7 @@ def candidates_of(
 
 
 def stage_costs(
-    problem: SequenceProblem,
-    best: Evaluated,
-    candidates: list[CandidatePostures],
-    angle: FloatArray,
+    problem: SequenceProblem, best: Evaluated, arms: list[CandidatePostures], angle: FloatArray
 ) -> FloatArray:
     """Compute stage durations by the plans before and in it [s], shape (n, m, m)."""
     n, m = angle.shape
@@ -212,8 +209,8 @@ def stage_costs(
     if problem.free_start:
         moved[0] = 0.0
     waiting = platform_times(problem, moved)
-    arrived, work_times = np.zeros((2, len(candidates), n, m, m))
-    rows = zip(problem.arms, candidates, best.arms, strict=True)
+    arrived, work_times = np.zeros((2, len(arms), n, m, m))
+    rows = zip(problem.arms, arms, best.arms, strict=True)
     for a, (work, arm, best_postures) in enumerate(rows):
         chain = TransferChain.of(work)
         k = chain.active
@@ -242,10 +239,7 @@ def stage_costs(
 
 
 def closing_costs(
-    problem: SequenceProblem,
-    best: Evaluated,
-    candidates: list[CandidatePostures],
-    angle: FloatArray,
+    problem: SequenceProblem, best: Evaluated, arms: list[CandidatePostures], angle: FloatArray
 ) -> FloatArray:
     """Compute return durations by the last and first stage's plans [s], shape (m, m).
 
@@ -259,7 +253,7 @@ def closing_costs(
         home = angle[0] if problem.free_start else problem.platform_start[:1]
     closing = np.zeros((m, m))
     closing[:] = platform_times(problem, home[None, :] - angle[-1, :, None])
-    for work, arm, best_postures in zip(problem.arms, candidates, best.arms, strict=True):
+    for work, arm, best_postures in zip(problem.arms, arms, best.arms, strict=True):
         chain = TransferChain.of(work)
         if not len(chain.active) or chain.active[-1] != n - 1:
             continue

@@ -82,7 +82,7 @@ def _searched(
     others: Sequence[Decisions] = (),
 ) -> SequenceResult | None:
     """Search with one set of position limits, see `search`; `others` are blended plans."""
-    problem_in_motion, problem = problem, replace(problem, launches=None)
+    moving, problem = problem, replace(problem, launches=None)
     exact, polishing = ExactStages(problem), Polishing(problem, seed)
     grids = map_halves(
         lambda meshes: [plans_on_nodes(problem, exact, mesh, how.plans) for mesh in meshes],
@@ -90,13 +90,11 @@ def _searched(
     )
     bound = grids[0].bound
     total = grids[0].plans[0][0].total if grids[0].plans else None
-    on_nodes = [node_plan for grid in grids for node_plan in grid.plans]
+    on_nodes = [pair for grid in grids for pair in grid.plans]
     possible = any(path.is_possible for path, _ in on_nodes)
     pool = [evaluate(problem, start) for start in (*further(possible), *starts)]
     if not pool and on_nodes and not possible:
-        return SequenceResult(
-            min(on_nodes, key=lambda node_plan: node_plan[0].total)[1], bound, total, True
-        )
+        return SequenceResult(min(on_nodes, key=lambda pair: pair[0].total)[1], bound, total, True)
     pool += [plan for _, plan in on_nodes]
     pool = best_of_each_kind(problem, [plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
@@ -110,13 +108,9 @@ def _searched(
         tried += polished
         if best.total > (1.0 - problem.settings.least_grid_gain) * before:
             break
-    rivals = (
-        _apart(problem, best, tried)[: how.rivals] if problem_in_motion.launches is not None else []
-    )
+    rivals = _apart(problem, best, tried)[: how.rivals] if moving.launches is not None else []
     given = [evaluate(problem, decisions) for decisions in others]
-    best = polished_thoroughly(
-        replace(polishing, problem=problem_in_motion), best, how, (rivals, given)
-    )
+    best = polished_thoroughly(replace(polishing, problem=moving), best, how, (rivals, given))
     return SequenceResult(best, bound, total)
 
 
