@@ -49,7 +49,7 @@ def with_room(
             # The margin may put a target just out of reach at the platform angle that a method chose.
             if decided is not None and all(stage.solver != REACH for stage in decided.stages):
                 return decided
-            # A margin that fails once fails in all variations.
+            # A margin that fails once fails in every variation.
             has_margin = False
         return solve(variant)
 
@@ -66,10 +66,10 @@ def shortest_blended(
     for rival in plan.rivals:
         variant = replace(plan, cleared=rival, rivals=())
         try:
-            other = blended_plan(problem, variant, timing)
+            blended = blended_plan(problem, variant, timing)
         except InfeasibleError:
             continue
-        best = min(best, other, key=lambda blended: blended.cleared.duration)
+        best = min(best, blended, key=lambda blended: blended.cleared.duration)
     return best
 
 
@@ -83,7 +83,7 @@ def blended_plan(
 
     Args:
         problem: the problem that the plan solves.
-        plan: the plan with stops at all line ends.
+        plan: the plan with stops at every line end.
         timing: solver that times motions.
         stopping: transfers that stay at rest at both ends, as (stage they lead to, arm).
     """

@@ -102,7 +102,7 @@ def quickest_for_stops(
     *,
     clear: bool = True,
 ) -> ClearedPlan:
-    """Plan a job as if tools stopped at all lines' ends, then blend it where the problem allows it.
+    """Plan a job with stops at every line end, then blend it if allowed.
 
     The parameters are those of `quickest_clear`; blending keeps the final posture.
     """
@@ -116,7 +116,7 @@ def quickest_for_stops(
 
 @dataclass
 class ClearanceLoop:
-    """Search for a method's shortest collision-free plan with stops at all lines' ends.
+    """Search for a method's shortest collision-free plan with stops at every line end.
 
     `run` is the whole loop: propose, repair, re-plan round by round, compare.
     """

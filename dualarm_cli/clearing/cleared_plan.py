@@ -15,7 +15,7 @@ from dualarm_cli.timing import TimingSolver
 
 _note = NoteTable(
     "clearance",
-    done="clearance: {done:*, }; with stops at all lines' ends, compared with the plan without collision "
+    done="clearance: {done:*, }; with stops at every line end, compared with the plan without collision "
     "checking ({unchecked:.3f} s), {effect}",
     replanned="other postures or platform angles were chosen",
     slower="a slower, collision-free plan was chosen",
@@ -24,7 +24,7 @@ _note = NoteTable(
     detours="{arm} makes {stages:#|#} detours (stages {stages:*, })",
     longer="this costs {seconds:.3f} s",
     shorter="it is {seconds:.3f} s shorter: the method does not always find the fastest plan",
-    dear="clearance costs {share:.0%} of the cycle time: other methods (`dualarm compare solvers`) or another "
+    expensive="clearance costs {share:.0%} of the cycle time: other methods (`dualarm compare solvers`) or another "
     "cell layout may be faster",
 )
 DETOURS_STRAIGHT = Note(
@@ -104,7 +104,7 @@ def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[Note]:
     details = {"done": done or [_note("slower")], "unchecked": unchecked}
     notes = [_note("done", **details, effect=effect)]
     if cost > 0.25 * unchecked:
-        notes.append(_note("dear", share=cost / unchecked))
+        notes.append(_note("expensive", share=cost / unchecked))
     if changed:
         notes.append(DETOURS_STRAIGHT)
     return notes

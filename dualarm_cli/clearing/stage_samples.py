@@ -34,12 +34,12 @@ NEAR = 0.008
 It grows in proportion to the number of samples that were skipped between the two."""
 
 Margins = Callable[[FloatArray, IntArray], FloatArray]
-"""Margins [m], shape (n,), of joints (n, columns) [rad] with what the arms hold, shape (n, arms)."""
+"""Function from joints [rad], shape (n, columns), and held parts to margins [m], shape (n,)."""
 
 
 @dataclass(frozen=True)
 class StageSamples:
-    """One stage sampled at t equidistant times."""
+    """Stage sampled at t equidistant times."""
 
     position: FloatArray
     """All joints [rad], shape (t, columns)."""
@@ -310,7 +310,7 @@ def last_motion(position: FloatArray) -> int:
 
 @dataclass(frozen=True)
 class StageContext:
-    """One stage with everything its repairs need."""
+    """Stage with the data that its repairs need."""
 
     model: CellModel
     """The job's cell."""

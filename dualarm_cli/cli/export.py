@@ -44,7 +44,7 @@ else:
 class PlatformGroup(StrEnum):
     """Arm whose controller moves the platform."""
 
-    own = "own"
+    platform = "own"
     both = "both"
     left = "left"
     right = "right"
@@ -79,7 +79,7 @@ def export_command(
             "--platform-with",
             help="Arm whose controller moves the platform; own: a separate controller.",
         ),
-    ] = PlatformGroup.own,
+    ] = PlatformGroup.platform,
     uniform: Annotated[
         bool,
         typer.Option(

@@ -38,9 +38,9 @@ class Case:
     timing: str
     """Name of the timing solver."""
     blend: str = "lines"
-    """Where tools do not stop, as `PlanSettings` has it."""
+    """Name of the blending, as in `PlanSettings`."""
     named: bool = True
-    """Whether a person named the redundancy solver; otherwise it is the one that serves the robot."""
+    """Whether the user named the redundancy solver; otherwise it is the robot's default."""
 
     def on(self, robot: Robot) -> Case:
         """Complete the case with a robot's default solvers."""
@@ -70,7 +70,7 @@ def cases(
 ) -> list[Case]:
     """List all combinations of the named solvers; unnamed families contribute all members.
 
-    Where no redundancy solver is named, every method has the one that serves the robot.
+    If no redundancy solver is named, every method uses the robot's default.
 
     Args:
         methods: names in METHODS.
@@ -100,12 +100,12 @@ def job_cases(
 ) -> list[Case]:
     """List the sensible combinations for a job, with its paths and seams.
 
-    Of a job with paths or seams every follower and seam solver with the default method and, where it has stops as
-    well, every method with the file's followers (written as the redundancy solver of its stops). What is named is
-    taken in all combinations. Where nothing is named, the default method is planned with all stops as well.
+    A job with paths or seams gets every follower and seam solver with the default method. If it has stops as well, it
+    also gets every method with the file's followers, listed as the redundancy solver of its stops. Named solvers are
+    combined with each other. If none is named, the default method is also planned with stops at every line end.
 
     Args:
-        job: what is to be planned.
+        job: job to plan.
         methods: names in METHODS.
         redundancies: names of redundancy solvers or path followers.
         timings: names of timing solvers.
@@ -115,17 +115,18 @@ def job_cases(
     """
     for name in redundancies:
         with_redundancy(PlanSettings(), name)
-    own = served_settings(PlanSettings(), job.cell.robot)[0].platform
-    found = _job_cases(job, own, methods, redundancies, timings)
+    method = served_settings(PlanSettings(), job.cell.robot)[0].platform
+    matrix = _job_cases(job, method, methods, redundancies, timings)
     lines = any(s.approach > 0.0 or s.retract > 0.0 for task in job.tasks for s in task.stops)
     if methods or redundancies or not lines:
-        return found
-    return found + [replace(case, blend=STOPPING.name) for case in found if case.method == own][:1]
+        return matrix
+    at_rest = [replace(case, blend=STOPPING.name) for case in matrix if case.method == method]
+    return matrix + at_rest[:1]
 
 
 def _job_cases(
     job: Job,
-    own: str,
+    default: str,
     methods: Sequence[str],
     redundancies: Sequence[str],
     timings: Sequence[str],
@@ -134,29 +135,29 @@ def _job_cases(
 
     Args:
         job: what is to be planned.
-        own: the default method.
+        default: the default method.
         methods: names in METHODS.
         redundancies: names of redundancy solvers or path followers.
         timings: names of timing solvers.
     """
     if not job.in_sections:
         of_stops = [name for name in redundancies if name in REDUNDANCY_SOLVERS.names]
-        found = cases(methods, of_stops, timings) if of_stops or not redundancies else []
+        matrix = cases(methods, of_stops, timings) if of_stops or not redundancies else []
         others = [name for name in dict.fromkeys(redundancies) if name not in of_stops]
-        return found + _with_each(others, cases(methods, (), timings))
+        return matrix + _with_each(others, cases(methods, (), timings))
     if methods or redundancies:
         names = list(dict.fromkeys(redundancies or _solvers(job)))
-        return _with_each(names, cases(methods or [own], (), timings))
-    found = _with_each(_solvers(job), cases([own], (), timings))
+        return _with_each(names, cases(methods or [default], (), timings))
+    matrix = _with_each(_solvers(job), cases([default], (), timings))
     if all(task.alone for task in job.tasks):
-        return found
-    return found + [case for case in cases((), (), timings) if case.method != own]
+        return matrix
+    return matrix + [case for case in cases((), (), timings) if case.method != default]
 
 
 def _solvers(job: Job) -> list[str]:
     """Return the path followers and seam solvers that a job requires."""
-    own = [kind.solvers for kind in kinds_of(job) if kind.solvers is not None]
-    return [name for solvers in own for name in solvers.names]
+    families = [kind.solvers for kind in kinds_of(job) if kind.solvers is not None]
+    return [name for solvers in families for name in solvers.names]
 
 
 def _with_each(names: Sequence[str], every: Sequence[Case]) -> list[Case]:
@@ -196,8 +197,8 @@ def run_cases(
             named=frozenset({"platform"}),
         )
         if case.redundancy not in REDUNDANCY_SOLVERS.names:
-            own = own_redundancy(case.method, job.cell.robot)
-            wanted = replace(wanted, redundancy=own)
+            default = own_redundancy(case.method, job.cell.robot)
+            wanted = replace(wanted, redundancy=default)
         wanted = with_redundancy(wanted, case.redundancy)
         progress(f"{name}: planning")
         begin = clock()

@@ -53,19 +53,19 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     turns = bool(problem.model.platform_columns)
     best: Schedule | None = None
     total = np.inf
-    for number, one in enumerate(_worth_planning(orders, effort)):
-        most = 1 if len(one.job.tasks) > effort.trials.long else effort.clocks.planned
+    for number, candidate in enumerate(_worth_planning(orders, effort)):
+        most = 1 if len(candidate.job.tasks) > effort.trials.long else effort.clocks.planned
         if best is not None and (watch.stop() or number >= most):
             break
         try:
-            decided = with_changes(one.job)
-            own = replace(planner, problem=replace(problem, job=decided))
-            found = _schedule(work, own.plan(one.angle), decided)
+            decided = with_changes(candidate.job)
+            order_planner = replace(planner, problem=replace(problem, job=decided))
+            schedule = _schedule(work, order_planner.plan(candidate.angle), decided)
         except InfeasibleError:
             continue
-        if best is None or found.duration < best.duration:
-            best = replace(found, order_grid_gap=grid_gap(orders.bound, one.total))
-            total = one.total
+        if best is None or schedule.duration < best.duration:
+            best = replace(schedule, order_grid_gap=grid_gap(orders.bound, candidate.total))
+            total = candidate.total
             watch.keep(_noted(best, free_notes(orders, total, None, turns=turns)))
     epochs, rail = None, problem.model.platform.is_rail
     if (best is None or not watch.stop()) and _turns(problem.model):
@@ -78,11 +78,11 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
                 continue
             try:
                 watch.report(f"planning with {len(several.epochs)} platform angles")
-                found = _schedule(work, plan_epochs(planner, several), several.job)
+                schedule = _schedule(work, plan_epochs(planner, several), several.job)
             except InfeasibleError:
                 continue
-            if best is None or found.duration < best.duration:
-                best, epochs = found, several
+            if best is None or schedule.duration < best.duration:
+                best, epochs = schedule, several
                 watch.keep(_noted(best, epoch_notes(several, None, rail=rail)))
     together = None
     why = [_why_together(best, turns=turns)]
@@ -91,7 +91,7 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
         try:
             job = stage_by_stage(with_changes(problem.job))
             together = plan_in_best_order(
-                work, job, watch, lambda one: watch.keep(_noted(one, why))
+                work, job, watch, lambda schedule: watch.keep(_noted(schedule, why))
             )
         except InfeasibleError:
             if best is None:
@@ -120,26 +120,26 @@ def _turns(model: CellModel) -> bool:
     return model.platform.is_chosen and len(model.arms) > 1
 
 
-def _why_together(own: Schedule | None, *, turns: bool) -> str:
+def _why_together(asynchronous: Schedule | None, *, turns: bool) -> str:
     """Return the reason for stage-by-stage arms, as text."""
-    if own is None:
+    if asynchronous is None:
         return mode_note("no_own_clocks", turns=turns)
-    return mode_note("synchronous_faster", turns=turns, duration=own.duration)
+    return mode_note("synchronous_faster", turns=turns, duration=asynchronous.duration)
 
 
-def _may_be_quicker(work: PlannedJob, found: Schedule) -> bool:
+def _may_be_quicker(work: PlannedJob, schedule: Schedule) -> bool:
     """Return whether synchronous arms may be faster, thanks to platform turns or less waiting."""
     if _turns(work.model):
         return True
     waits = [
         sum(
             part.end - part.start
-            for part in found.segments
+            for part in schedule.segments
             if part.arm == arm and part.kind == "wait"
         )
         for arm in work.model.arms
     ]
-    return min(waits) > work.effort.clocks.waited * found.duration
+    return min(waits) > work.effort.clocks.waited * schedule.duration
 
 
 def _worth_planning(orders: FreeOrders, effort: EffortSettings) -> list[FreeOrder]:
@@ -151,12 +151,12 @@ def _worth_planning(orders: FreeOrders, effort: EffortSettings) -> list[FreeOrde
         return list(orders.ranked[:most])
     # Found orders come the quickest first.
     return [
-        *(one for one in orders.ranked if one.total <= limit),
-        *(one for one in orders.ranked if one.total > limit),
+        *(order for order in orders.ranked if order.total <= limit),
+        *(order for order in orders.ranked if order.total > limit),
     ][:most]
 
 
-def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> list[str]:
+def epoch_notes(plan: FreeEpochs, together: Schedule | None, *, rail: bool) -> list[str]:
     """List notes on a plan whose platform stands at several positions."""
     epochs = [
         mode_note(
@@ -165,9 +165,9 @@ def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> 
             unit="mm" if rail else "deg",
             tasks=sum(not task.is_change for task in tasks),
         )
-        for place, tasks in found.epochs
+        for place, tasks in plan.epochs
     ]
-    stands = mode_note("stands", epochs=epochs, total=found.total)
+    stands = mode_note("stands", epochs=epochs, total=plan.total)
     return [stands, *_together_notes(together)]
 
 
@@ -188,8 +188,8 @@ def free_notes(
         together: a plan in which both arms go from stage to stage together, if there is one.
         turns: whether there is a platform.
     """
-    own = mode_note("own_clocks", turns=turns, total=total)
-    notes = [own, *_together_notes(together)]
+    note = mode_note("own_clocks", turns=turns, total=total)
+    notes = [note, *_together_notes(together)]
     if orders.exact and total <= orders.ranked[0].total:
         notes.append(order_note("best"))
     elif orders.bound is not None:

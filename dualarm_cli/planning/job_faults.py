@@ -73,23 +73,23 @@ def job_faults(
         model = model or CellModel.from_cell(job.cell)
     except UnsupportedError:
         return []
-    found = (rules or RoomRules.of(job)).faults() if clear else []
+    refusals = (rules or RoomRules.of(job)).faults() if clear else []
     try:
         job = with_needs(job) if job.is_decided and job.mode == "paired" else with_changes(job)
     except InfeasibleError as error:
-        found += error.refusals
+        refusals += error.refusals
     faults = _Faults(model, job, clear)
-    found += [*faults.of_tasks(), *faults.of_sections()]
+    refusals += [*faults.of_tasks(), *faults.of_sections()]
     if clear:
         waiting = lying_beside(job, (), ())
         empty = replace(job, tasks=(), pairing=None, beside=waiting)
-        found += start_faults(job, Holding.of(empty))
-        found += grip_faults(job)
+        refusals += start_faults(job, Holding.of(empty))
+        refusals += grip_faults(job)
     unique: dict[object, Refusal] = {}
-    for one in found:
+    for refusal in refusals:
         # A stand is visited more than once, and its fault is the same each time.
-        unique.setdefault((one.place, one.arm, one.what, one.measured), one)
-    return sorted(unique.values(), key=lambda one: one.place.order if one.place else ("", 0, 0))
+        unique.setdefault((refusal.place, refusal.arm, refusal.what, refusal.measured), refusal)
+    return sorted(unique.values(), key=lambda r: r.place.order if r.place else ("", 0, 0))
 
 
 @dataclass(frozen=True)
@@ -131,11 +131,11 @@ class _Faults:
             if task.alone:
                 continue
             by_arm = [[self._fault(arm, task, stop) for stop in task.stops] for arm in arms]
-            found = [[fault for fault in faults if fault is not None] for faults in by_arm]
+            arm_faults = [[fault for fault in faults if fault is not None] for faults in by_arm]
             if task.arm != ANY:
-                yield from (fault for faults in found for fault in faults)
-            elif found and all(found):
-                yield _by_no_arm(task, arms, [faults[0] for faults in found])
+                yield from (fault for faults in arm_faults for fault in faults)
+            elif arm_faults and all(arm_faults):
+                yield _by_no_arm(task, arms, [faults[0] for faults in arm_faults])
 
     def of_sections(self) -> Iterator[Refusal]:
         """Iterate over faults of paths and seams: at their ends, else between."""
@@ -144,15 +144,15 @@ class _Faults:
             faults += self._at(section, "section_ends", 1.0)
             if not faults:
                 shares = _shares(section[0].path)
-                faults = [one for s in shares for one in self._at(section, "section_passes", s)]
-                faults = sorted(faults, key=lambda one: -(one.measured or 0.0))[:1]
+                faults = [fault for s in shares for fault in self._at(section, "section_passes", s)]
+                faults = sorted(faults, key=lambda fault: -(fault.measured or 0.0))[:1]
             yield from faults
 
     def _at(self, section: Section, what: str, share: float) -> Iterator[Refusal]:
         """Iterate over the faults at a share of a path or seam."""
         kind = kind_of(section)
         poses = {} if kind is None else kind.along(self.job, section, share)
-        for task in (one for one in section if one.arm in poses):
+        for task in (task for task in section if task.arm in poses):
             stop = replace(task.stops[0], target=poses[task.arm], approach=0.0, retract=0.0)
             path = task.path
             slack = PROVEN_MISS if path is None else path.tolerance + path.blend
@@ -169,7 +169,7 @@ class _Faults:
         remedy, pose = fault.remedy, stop.target.pose
         if task.arm == arm and not task.shared and not task.is_change:
             others = [name for name in self._arms_with(task.tool) if name != arm]
-            tried = [self._bare_fault(name, task, one) for name in others for one in task.stops]
+            tried = [self._bare_fault(name, task, s) for name in others for s in task.stops]
             if tried and not any(tried):
                 remedy = ("any_arm", *remedy)
         T_own_tool = self.job.cell.T_own_tool(arm, task.tool)
@@ -187,8 +187,8 @@ class _Faults:
             return _impossible("stop_impossible", arm, task, stop, cause)
         if not self.clear or stop.moves:
             return None
-        found = too_near_obstacle(self.job.cell, arm, task, stop)
-        return None if found is None else reaches_into(task, stop, arm, *found)
+        obstacle = too_near_obstacle(self.job.cell, arm, task, stop)
+        return None if obstacle is None else reaches_into(task, stop, arm, *obstacle)
 
     def _unreached(
         self, arm: str, task: Task, stop: Stop, slack: float = PROVEN_MISS, turn: float = 0.0
@@ -221,11 +221,11 @@ class _Faults:
 
 def _shares(work: PathWork | None) -> list[float]:
     """List progress values of a path or seam to examine, junctions included."""
-    found = [k / FAULTS.stretches for k in range(1, FAULTS.stretches)]
+    shares = [k / FAULTS.stretches for k in range(1, FAULTS.stretches)]
     for path in () if work is None else work.paths.values():
         step = -(-len(path.junctions) // FAULTS.most_junctions) or 1
-        found += [at / path.length for at in path.junctions[::step]]
-    return sorted(set(found))
+        shares += [at / path.length for at in path.junctions[::step]]
+    return sorted(set(shares))
 
 
 def _impossible(what: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> Refusal:

@@ -105,7 +105,7 @@ def _searched(
     searches = trials.searches_of_long if long else trials.searches
     tries = 0
     while True:
-        known_before = tried.known
+        count_before = tried.count
         # Without a further search no other order follows: repair this one.
         repair_touching_stops = not long or tries > searches or watch.stop()
         one_by_one = partial(planned, of=orders, repair_touching_stops=repair_touching_stops)
@@ -115,11 +115,11 @@ def _searched(
             return _quickest(promising, watch, one_by_one, tried, only_first=long)
         except BlockedError as error:
             last = tries == searches + trials.separations
-            if last or tried.known == known_before or tried.is_hopeless:
+            if last or tried.count == count_before or tried.is_hopeless:
                 raise
             # Exclude the colliding stops and search again from the best order.
             first = orders.ranked[0].job
-            watch.report(f"keeping {tried.known} stops or pairs of them apart: {error.stages}")
+            watch.report(f"keeping {tried.count} stops or pairs of them apart: {error.stages}")
             search = search.without(tried.pairs, tried.others, first)
             # The last attempts only separate colliding stops and keep the rest, to get any plan.
             is_full_search = search.start is None or (tries < searches and not watch.stop())
@@ -196,7 +196,7 @@ class _Tried:
     """(arm, task) pairs without a collision-free motion while the other arm idles."""
 
     @property
-    def known(self) -> int:
+    def count(self) -> int:
         """Number of no-goods."""
         return len(self.pairs) + len(self.others)
 
@@ -281,7 +281,7 @@ def order_notes(orders: Orders, total: float) -> list[str]:
         orders: what the search found.
         total: of the order that was planned, on the search's grid [s].
     """
-    found = order_note("found", search=orders.search, total=total)
+    note = order_note("found", search=orders.search, total=total)
     if orders.bound is None:
-        return [found]
-    return [found, order_bound_note("stages", total=total, bound=orders.bound)]
+        return [note]
+    return [note, order_bound_note("stages", total=total, bound=orders.bound)]

@@ -57,7 +57,7 @@ class PlannedJob:
 
     @property
     def blending(self) -> Blending:
-        """Rule of which stops are passed in motion."""
+        """Rule for passing stops in motion."""
         return BLENDINGS[self.settings.blend]
 
     @property

@@ -142,14 +142,14 @@ def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
     return best
 
 
-def _is_slower_as_filed(found: Schedule, watch: Watch, trials: TrialEffort) -> bool:
+def _is_slower_as_filed(schedule: Schedule, watch: Watch, trials: TrialEffort) -> bool:
     """Return whether the file's order is expected to be slower than the plan.
 
     It cannot where the search for stages found it to be slower by far, and the plan is as quick as the search promised.
     """
     if watch.best is None or watch.file_order_best is None:
         return False
-    stopping = found.duration + (found.blend_gain or 0.0)
+    stopping = schedule.duration + (schedule.blend_gain or 0.0)
     return stopping <= watch.best and watch.file_order_best > (1.0 + trials.far_slower) * watch.best
 
 
@@ -235,9 +235,9 @@ def _until_seen_enough(watch: Watch, made: Callable[[], T]) -> T | None:
     """
     try:
         watch.catching = True
-        found = made()
+        result = made()
         watch.catching = False
-        return found
+        return result
     except SeenEnoughError:
         watch.catching = False
         if not watch.enough():

@@ -17,7 +17,7 @@ def with_redundancy(settings: PlanSettings, name: str | None) -> PlanSettings:
     """Apply a redundancy solver's name to the settings.
 
     Args:
-        settings: what they are changed from.
+        settings: settings to change.
         name: a member of one of the families, or None.
 
     Raises:
@@ -28,31 +28,31 @@ def with_redundancy(settings: PlanSettings, name: str | None) -> PlanSettings:
     stops, others = name in REDUNDANCY_SOLVERS.names, families()
     of_kinds = {kind.setting: name for kind, solvers in others if name in solvers.names}
     if not stops and not of_kinds:
-        known = [
+        names = [
             *REDUNDANCY_SOLVERS.names,
-            *(one for _, solvers in others for one in solvers.names),
+            *(solver for _, solvers in others for solver in solvers.names),
         ]
-        raise UnknownSolverError("--redundancy", name, list(dict.fromkeys(known)))
+        raise UnknownSolverError("--redundancy", name, list(dict.fromkeys(names)))
     if stops:
         settings = settings.naming(redundancy=name)
     return replace(settings, **of_kinds)  # type: ignore[arg-type]
 
 
-def check_follower(job: Job, asked: str | None) -> None:
+def check_follower(job: Job, requested: str | None) -> None:
     """Refuse an unknown or unused path follower on the command line.
 
     Args:
         job: job with paths or seams.
-        asked: the method that the command line names, or None.
+        requested: the method that the command line names, or None.
 
     Raises:
         UnknownSolverError: there is none of that name.
         UnsupportedError: there are no paths.
     """
-    if asked is not None:
-        PATH_SOLVERS[asked]
-        if not job.has_paths and asked not in REDUNDANCY_SOLVERS.names:
+    if requested is not None:
+        PATH_SOLVERS[requested]
+        if not job.has_paths and requested not in REDUNDANCY_SOLVERS.names:
             raise UnsupportedError(
-                f"--redundancy {asked} follows paths, and the tasks have none; seams are worked by "
+                f"--redundancy {requested} follows paths, and the tasks have none; seams are worked by "
                 f"{', '.join(SEAM_SOLVERS.names)}"
             )

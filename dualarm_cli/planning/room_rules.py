@@ -18,7 +18,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 Rules = dict[tuple[str, str], Crowded]
-"""Tasks of which the first must be over before the second begins, and why."""
+"""Pairs of tasks whose first must end before the second begins, with the crowded part."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ class RoomRules:
         arms: dict[str, set[str]] = {}
         for task in job.tasks:
             arms.setdefault(task.id, set()).add(task.arm)
-        found = []
-        for (one, other), crowded in rules.items():
+        refusals = []
+        for (a, b), crowded in rules.items():
             later = place[crowded.task.id] > place[crowded.room.task.id]
-            if (other, one) in rules:
-                found += [_refusal("same_room", crowded)] if later else []
-            elif job.order == "given" and place[one] > place[other] and arms[one] & arms[other]:
-                found.append(_refusal("in_the_way", crowded))
-        return found
+            if (b, a) in rules:
+                refusals += [_refusal("same_room", crowded)] if later else []
+            elif job.order == "given" and place[a] > place[b] and arms[a] & arms[b]:
+                refusals.append(_refusal("in_the_way", crowded))
+        return refusals
 
     def ruled(self) -> Job:
         """Order a job's tasks by the room of their parts, with notes.
@@ -64,37 +64,37 @@ class RoomRules:
         """
         job = self.job
         after = {task.id: set(task.after) for task in job.tasks}
-        news = [(one, other) for one, other in self.rules if one not in after[other]]
+        news = [(a, b) for a, b in self.rules if a not in after[b]]
         tasks = [
-            replace(task, after=(*task.after, *(one for one, other in news if other == task.id)))
+            replace(task, after=(*task.after, *(a for a, b in news if b == task.id)))
             for task in job.tasks
         ]
-        orders = [order_note("after_part", later=other, first=one) for one, other in news]
+        orders = [order_note("after_part", later=b, first=a) for a, b in news]
         return replace(job, tasks=tuple(tasks), notes=(*job.notes, *self.notes, *orders))
 
 
 def planned_around(job: Job, plan: Callable[[Job], Schedule], stop: Callable[[], bool]) -> Schedule:
     """Plan a job of open order; swap two tasks if one's part obstructs the other.
 
-    The rules of a job are of tools and parts: only a plan shows that a part obstructs a link.
+    The rules of a job concern tools and parts: only a plan shows that a part obstructs a link.
 
     Args:
-        job: what is to be done.
-        plan: plans it.
-        stop: whether to end early, with the refusal of the job as it is.
+        job: job of open order.
+        plan: function that plans it.
+        stop: whether to end early, with the refusal of the given job.
 
     Raises:
-        InfeasibleError: that of the job as it is, where no order of such tasks has a plan.
+        InfeasibleError: no order of such tasks has a plan; the refusal of the given job.
     """
     first: InfeasibleError | None = None
     ruled, tried = job, set[tuple[str, str]]()
     given = {(name, task.id) for task in job.tasks for name in task.after}
     while True:
         try:
-            found = plan(ruled)
+            schedule = plan(ruled)
         except InfeasibleError as error:
             first = first or error
-            pairs = _in_the_way(job, error)
+            pairs = _obstructed_tasks(job, error)
             open_pairs = [pair for pair in pairs if not given & {pair, pair[::-1]}]
             rules = [r for pair in open_pairs for r in (pair, pair[::-1]) if r not in tried]
             # Each costs a whole plan.
@@ -104,38 +104,38 @@ def planned_around(job: Job, plan: Callable[[Job], Schedule], stop: Callable[[],
             ruled = _with_rule(ruled, *rules[0])
             continue
         if not tried:
-            return found
+            return schedule
         # Nothing is known of the orders that such a rule excludes.
         notes = tuple(
             note
-            for note in found.notes
+            for note in schedule.notes
             if note in ruled.notes or not is_about(note, "order", "order bound")
         )
-        return replace(found, order_grid_gap=None, notes=notes)
+        return replace(schedule, order_grid_gap=None, notes=notes)
 
 
-def _in_the_way(job: Job, error: InfeasibleError) -> list[tuple[str, str]]:
+def _obstructed_tasks(job: Job, error: InfeasibleError) -> list[tuple[str, str]]:
     """List tasks that one arm cannot do, each with the obstructing task."""
     owners = {lying_label(task): task.id for task in job.tasks if task.part}
-    known, found = {task.id for task in job.tasks}, []
+    names, pairs = {task.id for task in job.tasks}, []
     for refusal in error.refusals:
         cause = refusal.more.get("cause")
         bodies = (cause if isinstance(cause, Refusal) else refusal).more
         owner = owners.get(str(bodies.get("other")), refusal.task)
-        # A return is of no task, a change of tools of none of the job.
-        if refusal.task in known and owner != refusal.task and not bodies.get("partner"):
-            found.append((refusal.task, owner))
-    return found
+        # Returns belong to no task, tool changes to none of the job.
+        if refusal.task in names and owner != refusal.task and not bodies.get("partner"):
+            pairs.append((refusal.task, owner))
+    return pairs
 
 
-def _with_rule(job: Job, one: str, other: str) -> Job:
+def _with_rule(job: Job, first: str, second: str) -> Job:
     """Return a job in which one task precedes another, and no longer follows it."""
     tasks = []
     for task in job.tasks:
-        after = [name for name in task.after if (name, task.id) != (other, one)]
-        tasks.append(replace(task, after=(*after, one) if task.id == other else tuple(after)))
-    note = order_note("after_link", later=other, first=one)
-    against = {"later": one, "first": other}
+        after = [name for name in task.after if (name, task.id) != (second, first)]
+        tasks.append(replace(task, after=(*after, first) if task.id == second else tuple(after)))
+    note = order_note("after_link", later=second, first=first)
+    against = {"later": first, "first": second}
     notes = [text for text in job.notes if not (isinstance(text, Note) and text.more == against)]
     return replace(job, tasks=tuple(tasks), notes=(*notes, note))
 
@@ -154,8 +154,8 @@ def _pinned(job: Job, rules: Rules) -> tuple[Job, Rules, list[str]]:
     """Fix the yaw of crowded parts; return the job, its rules and notes."""
     keys = {
         key
-        for (one, other), crowded in rules.items()
-        if (other, one) in rules
+        for (first, second), crowded in rules.items()
+        if (second, first) in rules
         for key in (crowded.room.key, (crowded.task.id, crowded.stop.action))
     }
     names: list[str] = []

@@ -22,7 +22,7 @@ from dualarm_cli.planning.sections import sections_plan
 from dualarm_cli.records import dataclass
 
 MOST_PERMUTATIONS = 5040
-"""So many orders of paths and seams are looked at at most."""
+"""Maximum number of orders of paths and seams to compare."""
 
 
 @dataclass(frozen=True)

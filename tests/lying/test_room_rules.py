@@ -84,7 +84,7 @@ def test_a_cube_stands_on_the_one_that_its_task_names(job_of, task):
     job = job_of(upper, lower, head="order: optimise")
     ruled = RoomRules.of(job).ruled()
     assert [one.after for one in ruled.tasks] == [("lower",), ()]
-    assert list(ruled.notes) == ["order: upper comes after lower, as its part would be in the way"]
+    assert list(ruled.notes) == ["order: upper comes after lower, as its part would obstruct it"]
     [found] = refusal(job_of(upper, lower))
     assert (found.what, found.task) == ("in_the_way", "lower")
     said = message([found])

@@ -96,11 +96,11 @@ def test_all_rules_are_kept_and_nobody_waits_longer(seed):
             for rule in rules:
                 if (rule.arm, rule.rest) != (a, k):
                     continue
-                if rule.other is None:
+                if rule.reference is None:
                     allowed.append(rule.time)
                 else:
-                    left = found[1 - a][rule.other.rest] if rule.other.rest >= 0 else 0.0
-                    allowed.append(left + rule.other.after + rule.time)
+                    left = found[1 - a][rule.reference.rest] if rule.reference.rest >= 0 else 0.0
+                    allowed.append(left + rule.reference.after + rule.time)
             assert own[k] == pytest.approx(max(allowed), abs=1e-8)
             gone = own[k] - time
         assert waits_at(clock, own) == pytest.approx(np.diff([0.0, *(np.array(own) - clock.rests)]))

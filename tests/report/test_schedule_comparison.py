@@ -194,7 +194,7 @@ def test_stages_with_another_partner_are_compared_and_said_to_be(job, before):
     other = dataclasses.replace(job, tasks=(*left, *right[1:], right[0]))
     document = compared(before, plan(other, FIXED))
     matches = [row["match"] for row in document["stages"]]
-    assert matches.count("other work beside it") == 6
+    assert matches.count("different simultaneous work") == 6
     assert matches.count("same work") == 1
 
 

@@ -189,7 +189,7 @@ def spoilt(case, rng):
         shape = Shape("sphere", (0.004,), pin.SE3(np.eye(3), centre))
         cell = replace(job.cell, obstacles=(*job.cell.obstacles, Obstacle("ball", shape)))
         return replace(job, cell=cell)
-    raise AssertionError("no instant found at which a ball is in the way")
+    raise AssertionError("no instant at which a ball obstructs an arm")
 
 
 def same_motion(one, other):

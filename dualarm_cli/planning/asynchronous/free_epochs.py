@@ -38,7 +38,7 @@ class FreeEpochs:
     epochs: tuple[tuple[FloatArray, tuple[Task, ...]], ...]
     """Platform angle, shape (k,), and ordered tasks of each epoch."""
     total: float
-    """Its cycle time as far as the search for orders knows [s]."""
+    """Cycle time estimated by the search for orders [s]."""
 
 
 def epoch_orders(
@@ -56,64 +56,63 @@ def epoch_orders(
     if len(order.angles) < 2 or len(order.job.tasks) < 2:
         return []
     watch.report("choosing platform angles for the tasks")
-    some = order.reached().any(axis=(0, 1))
-    problems = {int(f): order.problem(int(f)) for f in np.flatnonzero(some)}
+    is_reachable = order.reached().any(axis=(0, 1))
+    problems = {int(f): order.problem(int(f)) for f in np.flatnonzero(is_reachable)}
     turn = order.clock.platform_times(order.angles[:, None] - order.angles[None])
     how, n = EFFORTS[effort].epochs, len(order.job.tasks)
     fewer = min(1.0, how.tasks / n)
     how = replace(how, sets=max(2, round(how.sets * fewer)), moves=max(4, round(how.moves * fewer)))
     search = EpochSearch(EpochProblem(problems, np.asarray(turn), seed), how, watch.stop)
-    return [_decided(order, one) for one in search.best(most)]
+    return [_decided(order, epochs) for epochs in search.best(most)]
 
 
-def _decided(order: OrderModel, found: EpochOrder) -> FreeEpochs:
+def _decided(order: OrderModel, best: EpochOrder) -> FreeEpochs:
     """Convert numbered angles, tasks and arms to epochs."""
     epochs: list[tuple[FloatArray, tuple[Task, ...]]] = []
-    for epoch, rows in zip(found.epochs, found.rows, strict=True):
-        own = [
+    for epoch, rows in zip(best.epochs, best.rows, strict=True):
+        epoch_tasks = [
             replace(order.job.tasks[t], arm=name)
             for name, row in zip(order.model.arms, rows, strict=True)
             for t in row
         ]
-        epochs.append((order.angles[epoch.angle], tuple(own)))
-    tasks = tuple(task for _, own in epochs for task in own)
+        epochs.append((order.angles[epoch.angle], tuple(epoch_tasks)))
+    tasks = tuple(task for _, epoch_tasks in epochs for task in epoch_tasks)
     decided = replace(order.job, tasks=tasks, order="given", pairing=None)
     # Tools are changed while the platform stands where the next task is done, at the end where the last ones are.
     before, end = changes_of(decided)
     epochs = [
-        (angle, tuple(one for task in own for one in (*before[task.id], task)))
-        for angle, own in epochs
+        (angle, tuple(item for task in epoch_tasks for item in (*before[task.id], task)))
+        for angle, epoch_tasks in epochs
     ]
     epochs[-1] = (epochs[-1][0], (*epochs[-1][1], *end))
-    return FreeEpochs(with_changes(decided), tuple(epochs), found.total)
+    return FreeEpochs(with_changes(decided), tuple(epochs), best.total)
 
 
-def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
+def plan_epochs(planner: FreePlanner, plan: FreeEpochs) -> Motion:
     """Plan the motion epoch by epoch, each from the end of the previous one.
 
     Raises:
         InfeasibleError: an epoch that has no plan.
     """
-    job = found.job
+    job = plan.job
     cell, record = job.cell, MotionBuilder()
     here: FloatArray | None = None
     done: list[Task] = []
-    for k, (angle, tasks) in enumerate(found.epochs):
-        own = own_rules(
+    for k, (angle, tasks) in enumerate(plan.epochs):
+        epoch_job = own_rules(
             replace(job, tasks=_later(tasks, record.clock), returns=False, sequences=())
         )
         beside = lying_beside(job, done, tasks)
-        own = with_levels_after(replace(own, cell=cell, beside=beside), done)
+        epoch_job = with_levels_after(replace(epoch_job, cell=cell, beside=beside), done)
         done += tasks
         if here is not None:
-            own = replace(own, begin=here, start=HERE)
+            epoch_job = replace(epoch_job, begin=here, start=HERE)
         end = None
-        if job.returns and k == len(found.epochs) - 1 and record.pieces:
+        if job.returns and k == len(plan.epochs) - 1 and record.pieces:
             end = record.begin
-        problem = planner.problem
-        model = replace(problem.model, cell=own.cell)
-        one = replace(planner, problem=replace(problem, job=own, model=model), end=end)
-        motion = one.plan(angle)
+        model = replace(planner.problem.model, cell=epoch_job.cell)
+        problem = replace(planner.problem, job=epoch_job, model=model)
+        motion = replace(planner, problem=problem, end=end).plan(angle)
         record.append(motion)
         here = np.asarray(motion.trajectory.position[-1])
         cell = cell_after(cell, tasks)

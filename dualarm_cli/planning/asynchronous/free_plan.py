@@ -46,15 +46,15 @@ CHUNK = 4000
 
 
 @dataclass(frozen=True)
-class OwnWay:
+class ArmPlan:
     """Motion of one arm alone, with its plan."""
 
     clock: OwnClock
     """With stops at both ends of all lines."""
     problem: MethodProblem
     """Problem of the method."""
-    found: ClearedPlan | None
-    """What it answered, cleared; None where the arm has nothing to do."""
+    plan: ClearedPlan | None
+    """Collision-free plan of the method; None for an idle arm."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,7 @@ class FreePlanner:
     clear: bool
     """Whether anything has to be collision-free."""
     end: FloatArray | None = None
-    """All joints at the end of the motion, where the job itself does not return [rad], shape (n,); None for wherever
-    the last tasks end."""
+    """Prescribed joints at the end [rad], shape (n,), for jobs without a return; None to end after the last tasks."""
 
     def plan(self, angle: FloatArray) -> Motion:
         """Plan the motion with the platform at an angle (k,) during tool work.
@@ -88,10 +87,10 @@ class FreePlanner:
         model = replace(
             self.problem.model, platform=replace(self.problem.model.platform, held=True)
         )
-        ways = []
+        arm_plans = []
         for name in model.arms:
             self.tell(f"planning the {name} arm alone")
-            ways.append(self._own(model, name, work))
+            arm_plans.append(self._arm_plan(model, name, work))
         begin = work if job.start == "free" else start
         turn = self._turn(begin, work)
         back = None
@@ -102,18 +101,18 @@ class FreePlanner:
         cell = None
         if self.clear:
             cell = CellClearance.of_job(job)
-        if len(ways) > 1:
+        if len(arm_plans) > 1:
             self.tell("inserting waits between the arms")
-        found = self._together(model, work, [way.clock for way in ways], (turn, back), cell)
-        if found is not None:
-            motion, waits = found
-            if not any(way.problem.blends for way in ways):
+        result = self._together(model, work, [plan.clock for plan in arm_plans], (turn, back), cell)
+        if result is not None:
+            motion, waits = result
+            if not any(arm_plan.problem.blends for arm_plan in arm_plans):
                 return motion
             self.tell("blending lines and transfers")
             ready = turn.duration > 0.0
             clocks = [
-                self._blended(way, [wait.at for wait in own], ready=ready)
-                for way, own in zip(ways, waits, strict=True)
+                self._blended(arm_plan, [wait.at for wait in arm_waits], ready=ready)
+                for arm_plan, arm_waits in zip(arm_plans, waits, strict=True)
             ]
             quicker = self._together(model, work, clocks, (turn, back), cell)
             gain = motion.trajectory.duration
@@ -147,21 +146,21 @@ class FreePlanner:
                     return motion, waits
         return None
 
-    def _own(self, model: CellModel, name: str, work: FloatArray) -> OwnWay:
+    def _arm_plan(self, model: CellModel, name: str, work: FloatArray) -> ArmPlan:
         """Plan one arm alone through its stops."""
         job, arm = self.problem.job, model.arms[name]
         tasks = tuple(task for task in job.tasks if task.arm == name)
         if not tasks and self.end is None:
             still = hold(arm.arm.joints, work[arm.columns], 0.0)
             clock = OwnClock(name, still, (), (), ())
-            return OwnWay(clock, replace(self.problem, blending=STOPPING), None)
+            return ArmPlan(clock, replace(self.problem, blending=STOPPING), None)
         free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
         beside = (*job.beside, *others_parts(job, name)) if self.clear else ()
         alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired", beside=beside)
         problem = replace(self.problem, model=model, job=alone)
-        motion, found = self._still(model, work), None
+        motion, plan = self._still(model, work), None
         if tasks:
-            found = quickest_clear(
+            plan = quickest_clear(
                 replace(problem, blending=STOPPING),
                 with_room(problem, self.solve) if problem.blends else self.solve,
                 self.timing,
@@ -169,8 +168,8 @@ class FreePlanner:
                 clear=self.clear,
                 alone=name,
             )
-            motion = found.cleared.motion
-        return OwnWay(self._clock(problem, name, motion), problem, found)
+            motion = plan.cleared.motion
+        return ArmPlan(self._clock(problem, name, motion), problem, plan)
 
     def _clock(self, problem: MethodProblem, name: str, motion: Motion) -> OwnClock:
         """Append an arm's transfer to its final position."""
@@ -178,27 +177,27 @@ class FreePlanner:
             motion = self._ended(problem, name, motion)
         return OwnClock.of(motion, name, problem.model.arms[name].arm.joints)
 
-    def _blended(self, way: OwnWay, waits: Sequence[float], *, ready: bool) -> OwnClock:
+    def _blended(self, arm_plan: ArmPlan, waits: Sequence[float], *, ready: bool) -> OwnClock:
         """Blend an arm's line ends, except at its waits.
 
         Args:
-            way: with all stops.
-            waits: when it waits, by its own clock [s].
+            arm_plan: plan with stops at every line end.
+            waits: instants at which it waits, by its own clock [s].
             ready: whether its first line waits for the platform.
         """
-        if way.found is None or not way.problem.blends:
-            return way.clock
-        name, bound = way.clock.arm, way.clock.line_begins()
+        if arm_plan.plan is None or not arm_plan.problem.blends:
+            return arm_plan.clock
+        name, bound = arm_plan.clock.arm, arm_plan.clock.line_begins()
         waiting = {task.id for task in self.problem.job.tasks if task.after or task.not_before}
         waited = [*waits, *(bound[task] for task in waiting if task in bound)]
         stopping = {(0, name)} if ready else set()
-        for k, stage in enumerate(way.clock.stages):
-            # What is at its end is the next stage's.
+        for k, stage in enumerate(arm_plan.clock.stages):
+            # An instant at its end belongs to the next stage.
             last = max(stage.start + SAME_TIME, stage.end - SAME_TIME)
             if any(stage.start - SAME_TIME <= at <= last for at in waited):
                 stopping.add((k, name))
-        found = blended_plan(way.problem, way.found, self.timing, stopping)
-        return self._clock(way.problem, name, found.cleared.motion)
+        blended = blended_plan(arm_plan.problem, arm_plan.plan, self.timing, stopping)
+        return self._clock(arm_plan.problem, name, blended.cleared.motion)
 
     def _still(self, model: CellModel, work: FloatArray) -> Motion:
         """Return a motion without movement."""
@@ -219,7 +218,7 @@ class FreePlanner:
         alone = replace(problem.job, cell=cell, begin=here, tasks=(), returns=False, beside=beside)
         law = alone.limits.law
         back = StagePlan(here, there, there, {}, "return", float(law.duration(there - here)))
-        found = quickest_clear(
+        transfer = quickest_clear(
             replace(problem, model=replace(problem.model, cell=cell), job=alone),
             lambda _: Decided([back]),
             self.timing,
@@ -229,7 +228,7 @@ class FreePlanner:
         )
         both = MotionBuilder()
         both.append(motion)
-        both.append(found.cleared.motion)
+        both.append(transfer.cleared.motion)
         return both.build(cell.robot)
 
     def _turn(self, start: FloatArray, work: FloatArray) -> Trajectory:
@@ -315,24 +314,24 @@ def _is_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
     time = np.minimum(step * np.arange(count), duration)
     held = np.empty((count, len(cell.arms)), dtype=np.int64)
     for a, name in enumerate(cell.arms):
-        own = OwnClock(
+        clock = OwnClock(
             name,
             motion.trajectory,
             (),
             tuple(part for part in motion.segments if part.arm == name),
             tuple(event for event in motion.events if event.arm == name),
         )
-        held[:, a] = own.held(time, cell, job)
+        held[:, a] = clock.held(time, cell, job)
     if cell.rooms:
         cell, scene = with_motion_scenes(job, cell, motion, time)
         held = cell.loads.in_scenes(held, scene[:, None])
     position = motion.trajectory.at(time)[0]
     stretches: list[StageSamples] = []
     for k in range(0, max(1, count - 1), CHUNK):
-        some, before = slice(k, k + CHUNK + 1), stretches[-1] if k else None
+        span, before = slice(k, k + CHUNK + 1), stretches[-1] if k else None
         if before is not None:
             before = StageSamples(before.position[:-1], before.held[:-1], step)
-        stretches.append(StageSamples(position[some], held[some], step, before))
+        stretches.append(StageSamples(position[span], held[span], step, before))
     return bool(which_are_clear(cell, stretches).all())
 
 
@@ -347,12 +346,12 @@ def others_parts(job: Job, arm: str) -> tuple[Visit, ...]:
     """
     visits = [(task, stop) for task in job.tasks for stop in task.stops]
     keys = {lying.key[1:] for lying in lying_parts(job, visits) if lying.task.arm != arm}
-    keys -= {one.room.key for one in crowded_stops(job) if one.task.arm == arm}
-    own = [stop for task, stop in visits if task.arm == arm]
+    keys -= {crowded.room.key for crowded in crowded_stops(job) if crowded.task.arm == arm}
+    arm_stops = [stop for task, stop in visits if task.arm == arm]
     return tuple(
         (room.task, room.stop)
         for room in rooms_of(job)
-        if room.key in keys and not any(is_same_spot(stop, room) for stop in own)
+        if room.key in keys and not any(is_same_spot(stop, room) for stop in arm_stops)
     )
 
 

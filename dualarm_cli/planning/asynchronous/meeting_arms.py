@@ -81,10 +81,10 @@ class MeetingBuffers:
         """
         stops = job.stops_by_key()
         self._names, self._job = used_buffers(job), job
-        self._steps = tuple(own.count for own in steps)
+        self._steps = tuple(grid.count for grid in steps)
         self._uses: list[dict[str, list[_Use]]] = []
         for clock, grid in zip(clocks, steps, strict=True):
-            own: dict[str, list[_Use]] = {}
+            arm_uses: dict[str, list[_Use]] = {}
             for event in clock.events:
                 stop = stops.get((clock.arm, event.task, event.action))
                 if stop is None or not stop.buffer:
@@ -98,18 +98,18 @@ class MeetingBuffers:
                     min(max(int(np.ceil(over / grid.step - SAME_TIME)), waits + 1), grid.count),
                     stop.stored,
                 )
-                own.setdefault(stop.buffer, []).append(use)
-            self._uses.append(own)
+                arm_uses.setdefault(stop.buffer, []).append(use)
+            self._uses.append(arm_uses)
 
     def blocked(self, band: int) -> BoolArray:
         """Return where parts or room are missing, shape (steps + 1, 2 band + 1)."""
         n, m = self._steps
         i = np.arange(n + 1)[:, None]
         j = np.clip(i + np.arange(2 * band + 1)[None, :] - band, 0, m)
-        found: BoolArray = np.zeros((n + 1, 2 * band + 1), dtype=np.bool_)
+        is_missing: BoolArray = np.zeros((n + 1, 2 * band + 1), dtype=np.bool_)
         for name in self._names:
-            found |= self._wrong(name, i, j)
-        return found
+            is_missing |= self._wrong(name, i, j)
+        return is_missing
 
     def rules(self, place: Callable[[int, int], int]) -> list[NotBefore]:
         """Derive waits that keep a path's order of buffer uses.
@@ -381,15 +381,15 @@ class ArmCoordination:
                 for name in task.after:
                     if name not in ends[1 - a]:
                         continue
-                    over, other = ends[1 - a][name], steps[1 - a]
+                    over, partner = ends[1 - a][name], steps[1 - a]
                     # A task without duration ends when the arm departs from its rest.
                     at_once = over <= begins[1 - a][name] + SAME_TIME
-                    here = other.rest_at(over)
-                    place = other.place_after(over)
+                    here = partner.rest_at(over)
+                    place = partner.place_after(over)
                     if here is not None:
-                        place = other.places[here] + at_once
+                        place = partner.places[here] + at_once
                     needs[a].append((steps[a].places[rest], place))
-                    since = other.left(over) if at_once else other.arrived(over)
+                    since = partner.left(over) if at_once else partner.arrived(over)
                     rules.append(NotBefore(a, rest, "after", 0.0, since))
         return rules, (tuple(needs[0]), tuple(needs[1]))
 

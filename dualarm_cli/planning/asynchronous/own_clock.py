@@ -370,8 +370,8 @@ class NotBefore:
     It is empty for a rule that only states the other arm's progress meanwhile.
     """
     time: float
-    """Instant [s]; with `other`, time after that instant (negative: before) [s]."""
-    other: Since | None = None
+    """Instant [s]; with `reference`, time after that instant (negative: before) [s]."""
+    reference: Since | None = None
     """Instant of the other arm's clock from which `time` counts."""
 
 
@@ -411,10 +411,10 @@ def due(rule: NotBefore, leaving: Sequence[Sequence[float]]) -> float:
         rule: one rule.
         leaving: by arm, when it leaves its rests [s].
     """
-    if rule.other is None:
+    if rule.reference is None:
         return rule.time
-    left = leaving[1 - rule.arm][rule.other.rest] if rule.other.rest >= 0 else 0.0
-    return left + rule.other.after + rule.time
+    left = leaving[1 - rule.arm][rule.reference.rest] if rule.reference.rest >= 0 else 0.0
+    return left + rule.reference.after + rule.time
 
 
 def waits_at(clock: ClockSteps, leaving: Sequence[float]) -> list[float]:
@@ -424,8 +424,8 @@ def waits_at(clock: ClockSteps, leaving: Sequence[float]) -> list[float]:
         clock: its own clock.
         leaving: when it leaves its rests [s].
     """
-    found, gone = [], 0.0
+    waits, gone = [], 0.0
     for time, left in zip(clock.rests, leaving, strict=True):
-        found.append(left - time - gone)
+        waits.append(left - time - gone)
         gone = left - time
-    return found
+    return waits

@@ -305,7 +305,7 @@ def _row(a: Sequence[Version], b: Sequence[Version], pair: Pair) -> dict[str, An
     if before is None or after is None:
         match = "only in B" if before is None else "only in A"
     else:
-        match = "same work" if before.work == after.work else "other work beside it"
+        match = "same work" if before.work == after.work else "different simultaneous work"
     shown = before or after
     return {
         "a": None if pair[0] is None else pair[0] + 1,

@@ -114,7 +114,7 @@ def schedules_csv(document: dict[str, Any]) -> bytes:
 
 def cause_text(row: dict[str, Any]) -> str:
     """Describe the cause of a row, or what prevents its comparison."""
-    if row["match"] not in ("same work", "other work beside it"):
+    if row["match"] not in ("same work", "different simultaneous work"):
         return str(row["match"])
     cause = row["blame"]
     if cause is None:
