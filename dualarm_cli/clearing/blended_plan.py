@@ -9,9 +9,9 @@ from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import Job
-from dualarm_cli.motion.bent_passing import moving_detours, with_moving_detours
 from dualarm_cli.motion.blending import passing_launches, with_launches
 from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.detours_in_motion import moving_detours, with_moving_detours
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.passed_targets import passed_targets, with_passed_targets
 from dualarm_cli.motion.transfers import Drive
@@ -149,20 +149,20 @@ def _with_detours_in_motion(
     candidates = moving_detours(drive, plans, stopping)
     while candidates:
         chosen = {key: detours[0] for key, detours in candidates.items()}
-        bent = with_moving_detours(drive, plans, chosen)
+        moving = with_moving_detours(drive, plans, chosen)
         try:
-            realised = realise(drive.model, job, bent, drive.timing, drive.cache)
+            realised = realise(drive.model, job, moving, drive.timing, drive.cache)
         except InfeasibleError:
             # With the platform's motion, one of the detours cannot be timed.
             rejected = set(candidates)
         else:
             colliding_stages = (
-                clearing.colliding_stages(bent, realised) if clearing is not None else []
+                clearing.colliding_stages(moving, realised) if clearing is not None else []
             )
             rejected = {key for key in candidates if key[0] in colliding_stages}
             rejected = rejected or {key for key in candidates if key[0] - 1 in colliding_stages}
             if not colliding_stages and realised.trajectory.duration < motion.trajectory.duration:
-                return bent, realised
+                return moving, realised
             if not rejected:
                 break
         # Colliding detours move on to their next via point.

@@ -27,8 +27,8 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.motion.bent_transfers import CurveCost, curve, quick_curves
 from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.curved_transfers import CurveCost, curve, quick_curves
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import MotionCache, largest_tool_speed
 from dualarm_cli.postures.holding import Holding

@@ -15,8 +15,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.bent_transfers import Missing, ToolTimes, detour_pieces
 from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.curved_transfers import Missing, ToolTimes, detour_pieces
 from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding

@@ -12,8 +12,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import SegmentKind, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.bent_transfers import detour_pieces, moving_detour
 from dualarm_cli.motion.builder import Motion, MotionBuilder
+from dualarm_cli.motion.curved_transfers import detour_pieces, moving_detour
 from dualarm_cli.motion.stop_motion import (
     add_handover,
     add_stop,

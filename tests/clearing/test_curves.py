@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.motion.bent_transfers import CurveCost, curve, quick_curves
+from dualarm_cli.motion.curved_transfers import CurveCost, curve, quick_curves
 
 JOINTS = tuple("abcdefg")
 LIMITS = JointLimits(

@@ -11,7 +11,7 @@ from dualarm_cli.clearing import blended_plan
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.motion.bent_transfers import moving_detour
+from dualarm_cli.motion.curved_transfers import moving_detour
 from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.stage_plan import Detour, StagePlan

@@ -23,9 +23,9 @@ class PlanClearanceSettings:
     stops: int = 7
     """Places that are looked at of every stop: two on each line, its target, and where the lines begin and end."""
     detour: float = 0.1
-    """Approximate fixed cost of an arm's move that has to be bent [s]."""
+    """Approximate fixed cost of a curved transfer [s]."""
     depth: float = 10.0
-    """Approximate cost of a bent move per missing clearance [s/m]."""
+    """Approximate cost of a curved transfer per missing clearance [s/m]."""
 
 
 PENALTY = PlanClearanceSettings()
