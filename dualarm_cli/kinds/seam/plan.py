@@ -187,10 +187,10 @@ def nearest_bodies(holding: Holding, position: FloatArray) -> Refusal:
     return Refusal("touches", measured=max(0.0, -missing), more={"one": body_a, "other": body_b})
 
 
-def where_it_touches(
+def worst_collision(
     holding: Holding, motions: Sequence[tuple[str, Trajectory | None]]
 ) -> Refusal | None:
-    """Find the first collision of some motions, or None.
+    """Find the deepest collision of the first colliding motion, or None.
 
     Args:
         holding: bodies and clearances.
@@ -397,8 +397,8 @@ class SeamPlanner:
             ("along the seam", planned.seam.trajectory),
             ("on the retract", planned.retract),
         )
-        touched = where_it_touches(holding, motions)
-        return planned if touched is None else touched
+        collision = worst_collision(holding, motions)
+        return planned if collision is None else collision
 
     def _falls_short(self, planned: PlannedSeam | Refusal, work: SeamWork) -> bool:
         """Test whether a seam is refused as too fast, or slower than required."""
