@@ -45,8 +45,8 @@ METHODS = ("--platform", "--redundancy", "--timing", "--method")
 """Options that take the name of a method."""
 CHECKS_OF = {
     "Files and budget": "`dualarm verify` has these rows of a file, and of a task file with a budget.",
-    "Driven motion": "`dualarm verify LOG --plan PLAN` has these rows, and `position`, `velocity`, `acceleration` and "
-    "`collisions` of the motion as it was driven.",
+    "Recorded motion": "`dualarm verify LOG --plan PLAN` has these rows, and `position`, `velocity`, `acceleration` "
+    "and `collisions` of the recorded motion.",
 }
 """Sentences under headings of checks."""
 PAGES = (

@@ -336,7 +336,7 @@ OWNERS = {
     "model/study.py": "powers of ten of figures that are shown",
     "robot_import/importing.py": "powers of ten of figures that are shown",
     "compiled/decimals.py": "powers of ten, which are exact",
-    "verification/driven_motion.py": "a fit of logged samples, which decides nothing about a plan",
+    "verification/recorded_motion.py": "a fit of logged samples, which decides nothing about a plan",
 }
 """Modules that may, and what they use."""
 NUMPY = {

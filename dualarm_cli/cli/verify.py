@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from dualarm_cli.geometry.interpolation import Interpolation
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.verification import Check, Verification
-    from dualarm_cli.verification.driven_motion import (
-        DrivenJudgement,
+    from dualarm_cli.verification.recorded_motion import (
         EventTracking,
+        RecordedJudgement,
         TrackingLimits,
     )
 
@@ -57,7 +57,7 @@ def judged_log(
     allowed: TrackingLimits,
     *,
     as_planned: bool,
-) -> DrivenJudgement:
+) -> RecordedJudgement:
     """Judge a logged motion against its plan.
 
     Args:
@@ -75,7 +75,7 @@ def judged_log(
     from dualarm_cli.files.logged_motion import read_logged_motion
     from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.verification import verify
-    from dualarm_cli.verification.driven_motion import judge_driven
+    from dualarm_cli.verification.recorded_motion import judge_recorded
     from dualarm_cli.verification.robot_checks import unusable
 
     job = load_job(tasks)
@@ -83,7 +83,7 @@ def judged_log(
         raise UsageError(f"--plan: is no plan to compare with: {wrong.detail}")
     logged = read_logged_motion(path, schedule.trajectory.joints)
     try:
-        return judge_driven(schedule, job, logged, between, allowed, as_planned=as_planned)
+        return judge_recorded(schedule, job, logged, between, allowed, as_planned=as_planned)
     except ValueError as error:
         raise UsageError(
             f"{path}: {error}, which the file does not have; name --interpolation linear"
@@ -97,7 +97,7 @@ def tracking_limits(error: str, distance: str, delay: str) -> TrackingLimits:
         UsageError: one is no angle, length or time above 0.
     """
     from dualarm_cli.files.source.quantities import ANGLE, LENGTH, TIME
-    from dualarm_cli.verification.driven_motion import TrackingLimits
+    from dualarm_cli.verification.recorded_motion import TrackingLimits
 
     return TrackingLimits(
         read_positive("--tracking-error", error, ANGLE),
@@ -106,7 +106,7 @@ def tracking_limits(error: str, distance: str, delay: str) -> TrackingLimits:
     )
 
 
-def tracking_document(tracking: DrivenJudgement) -> dict[str, Any]:
+def tracking_document(tracking: RecordedJudgement) -> dict[str, Any]:
     """Build the member `tracking` of the JSON document."""
     return {
         "delay": tracking.delay,
@@ -135,7 +135,7 @@ def tracking_document(tracking: DrivenJudgement) -> dict[str, Any]:
     }
 
 
-def tracking_tables(tracking: DrivenJudgement) -> list[Any]:
+def tracking_tables(tracking: RecordedJudgement) -> list[Any]:
     """Build the tables of tracking errors: one of joints, one of events."""
     from math import degrees
 
@@ -278,7 +278,7 @@ def _show(
     json_output: bool,
     quiet: bool,
     details: bool,
-    tracking: DrivenJudgement | None = None,
+    tracking: RecordedJudgement | None = None,
     skew: str | None = None,
 ) -> None:
     """Print a judgement, and end with 1 where it failed.

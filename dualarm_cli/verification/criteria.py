@@ -145,8 +145,8 @@ CRITERIA: Mapping[str, Mapping[str, Criterion]] = {
             UNPROVEN,
         ),
     },
-    "Driven motion": {
-        "joints": Criterion("", "Joints that the log lacks.", "they count as driven as planned"),
+    "Recorded motion": {
+        "joints": Criterion("", "Joints that the log lacks.", "they count as following the plan"),
         "time_span": Criterion("s", "Time of the plan that the log lacks at either end."),
         "delay": Criterion(
             "s", "Delay of a joint behind the plan.", "no joint moves enough to measure it"

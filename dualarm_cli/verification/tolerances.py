@@ -76,10 +76,10 @@ class Tolerances:
     """Relative excess of a measured tool speed over its cap."""
     same_stated: float = 1e-9
     """Tolerance of stated limits (relative) and poses [m, or cosine] against the job's."""
-    driven_span: float = 0.02
+    recorded_span: float = 0.02
     """Fraction of the plan that a log may lack at either end."""
-    driven_rate_slack: float = 0.05
-    """Relative excess of velocities and accelerations of a driven, interpolated motion."""
+    recorded_rate_slack: float = 0.05
+    """Relative excess of velocities and accelerations of a recorded, interpolated motion."""
 
 
 TOL = Tolerances()

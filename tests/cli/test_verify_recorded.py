@@ -15,7 +15,7 @@ from dualarm_cli.exporting.schedule_reader import read_schedule
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory, tasks_folder):
     """A plan."""
-    out = tmp_path_factory.mktemp("driven") / "plan"
+    out = tmp_path_factory.mktemp("recorded") / "plan"
     job = tasks_folder / "01_first_pick" / "tasks.yaml"
     assert run(["plan", str(job), "--effort", "quick", "--out", str(out), "--quiet"]) == 0
     return out

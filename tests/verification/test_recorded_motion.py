@@ -13,7 +13,7 @@ from dualarm_cli.geometry.interpolation import INTERPOLATIONS
 from dualarm_cli.model.joint_motion import LoggedMotion
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
-from dualarm_cli.verification.driven_motion import TrackingLimits, judge_driven
+from dualarm_cli.verification.recorded_motion import TrackingLimits, judge_recorded
 
 ALLOWED = TrackingLimits(np.deg2rad(0.1), 1e-3, 2e-3)
 UNPROVEN = replace(ALLOWED, clearance=False)
@@ -60,7 +60,7 @@ def verdicts(tracking):
 @pytest.mark.parametrize("kind", INTERPOLATIONS)
 def test_a_log_of_the_plan_itself_passes(schedule, job, kind):
     """No delay, no error, tools at their events, and the clearance of the plan."""
-    found = judge_driven(schedule, job, logged(schedule), kind, ALLOWED)
+    found = judge_recorded(schedule, job, logged(schedule), kind, ALLOWED)
     assert found.verification.passed
     assert abs(found.delay) < 1e-6
     assert max(joint.error for joint in found.joints) < 1e-4
@@ -86,7 +86,7 @@ def test_half_a_degree_and_eight_milliseconds_are_found_by_joint(schedule, job, 
         dict.fromkeys(joints, 0.008),
         {"left_e": lambda t: np.deg2rad(0.5) * shape(t)},
     )
-    found = judge_driven(schedule, job, log, "linear", UNPROVEN)
+    found = judge_recorded(schedule, job, log, "linear", UNPROVEN)
     assert not found.verification.passed
     assert found.delay == pytest.approx(0.008, abs=2e-4)
     rows = {joint.joint: joint for joint in found.joints}
@@ -107,7 +107,7 @@ def test_half_a_degree_and_eight_milliseconds_are_found_by_joint(schedule, job, 
 def test_an_offset_alone_is_the_joints_mean_error(schedule, job):
     """With its sign, and no delay."""
     log = logged(schedule, error={"right_t": lambda t: np.full_like(t, -0.01)})
-    found = judge_driven(schedule, job, log, "linear", UNPROVEN)
+    found = judge_recorded(schedule, job, log, "linear", UNPROVEN)
     [row] = [joint for joint in found.joints if joint.joint == "right_t"]
     assert row.offset == pytest.approx(-0.01, abs=1e-5)
     assert row.error == pytest.approx(0.01, abs=1e-4)
@@ -119,14 +119,14 @@ def test_an_offset_alone_is_the_joints_mean_error(schedule, job):
 def test_delays_of_any_size_are_measured(schedule, job, late):
     """Early or late, up to most of a second."""
     log = logged(schedule, dict.fromkeys(schedule.trajectory.joints, late))
-    found = judge_driven(schedule, job, log, "linear", UNPROVEN)
+    found = judge_recorded(schedule, job, log, "linear", UNPROVEN)
     assert found.delay == pytest.approx(late, abs=1e-4)
 
 
 def test_one_arm_that_is_late_is_told_and_counts_for_the_clearance(schedule, job):
     """The other arm is in time: there is no common delay, and the tools of the late arm are off at no event."""
     late = {joint: 0.02 for joint in schedule.robot.arms["left"].joints}
-    found = judge_driven(schedule, job, logged(schedule, late), "cubic", ALLOWED)
+    found = judge_recorded(schedule, job, logged(schedule, late), "cubic", ALLOWED)
     assert found.delay == pytest.approx(0.0, abs=1e-5)
     rows = {row.joint: row for row in found.joints}
     for joint in moving(schedule):
@@ -136,11 +136,11 @@ def test_one_arm_that_is_late_is_told_and_counts_for_the_clearance(schedule, job
 
 
 def test_an_arm_that_moved_far_away_touches_something(schedule, job):
-    """The proof is that of the driven motion: a joint that is off by more than a radian collides somewhere."""
+    """The proof is that of the recorded motion: a joint that is off by more than a radian collides somewhere."""
     off = {
         joint: (lambda t: 2.0 * np.sin(np.pi * t / t[-1]) ** 2) for joint in ("left_l", "left_e")
     }
-    found = judge_driven(schedule, job, logged(schedule, error=off), "linear", ALLOWED)
+    found = judge_recorded(schedule, job, logged(schedule, error=off), "linear", ALLOWED)
     assert verdicts(found)["collisions"] == "failed"
     least = min(stage.clearance for stage in found.verification.clearances)
     assert least <= 0.0
@@ -149,7 +149,7 @@ def test_an_arm_that_moved_far_away_touches_something(schedule, job):
 def test_a_log_that_goes_too_far_for_a_proof_fails_at_once(schedule, job):
     """Positions that jump by 100,000 rad from sample to sample: a proof would take as many intervals."""
     far = {"left_l": lambda t: 1e5 * (np.arange(len(t)) % 2)}
-    found = judge_driven(schedule, job, logged(schedule, error=far), "linear", ALLOWED)
+    found = judge_recorded(schedule, job, logged(schedule, error=far), "linear", ALLOWED)
     [check] = [one for one in found.verification.checks if one.name == "collisions"]
     assert (check.verdict, found.verification.clearances) == ("failed", ())
     assert "cannot be proven: on average a joint moves at " in check.detail
@@ -160,7 +160,7 @@ def test_the_tools_of_a_turned_joint_are_off_as_far_as_the_lever_says(schedule, 
     import pinocchio as pin
 
     log = logged(schedule, error={"left_s": lambda t: np.full_like(t, 0.01)})
-    found = judge_driven(schedule, job, log, "linear", UNPROVEN)
+    found = judge_recorded(schedule, job, log, "linear", UNPROVEN)
     model = pin.buildModelFromXML(schedule.robot.urdf)
     data = model.createData()
     joint = model.getJointId("left_s")
@@ -185,7 +185,7 @@ def test_joints_that_were_not_logged_count_as_planned(schedule, job):
     """Where that is asked for: it is said which joints are missing, and the rest is judged."""
     own = schedule.robot.arms["right"].joints
     log = logged(schedule, joints=own)
-    found = judge_driven(schedule, job, log, "cubic", ALLOWED, as_planned=True)
+    found = judge_recorded(schedule, job, log, "cubic", ALLOWED, as_planned=True)
     assert found.verification.passed
     [check] = [check for check in found.verification.checks if check.name == "joints"]
     assert check.verdict == "not checked"
@@ -196,7 +196,7 @@ def test_joints_that_were_not_logged_count_as_planned(schedule, job):
 def test_what_was_not_logged_is_not_checked_and_does_not_pass(schedule, job):
     """One joint, two samples: no figure of the plan is shown for one of the motion. One arm: its tool is judged."""
     one = logged(schedule, joints=["left_s"])
-    found = judge_driven(schedule, job, one, "linear", ALLOWED)
+    found = judge_recorded(schedule, job, one, "linear", ALLOWED)
     assert not found.verification.passed
     told = verdicts(found)
     assert told["joints"] == "failed"
@@ -204,7 +204,7 @@ def test_what_was_not_logged_is_not_checked_and_does_not_pass(schedule, job):
     assert found.events == found.verification.clearances == ()
     robot = schedule.robot
     own = (*robot.platform, *robot.arms["left"].joints)
-    found = judge_driven(schedule, job, logged(schedule, joints=own), "linear", ALLOWED)
+    found = judge_recorded(schedule, job, logged(schedule, joints=own), "linear", ALLOWED)
     assert not found.verification.passed
     assert verdicts(found)["tool_at_events"] == "passed"
     assert {row.event.arm for row in found.events} == {"left"}
@@ -217,7 +217,7 @@ def test_a_log_of_few_samples_is_not_excused_by_its_steps(schedule, job):
     log = logged(schedule)
     ends = [0, int(0.4 * len(log.time))]
     short = LoggedMotion(log.joints, log.time[ends], log.position[ends])
-    found = judge_driven(schedule, job, short, "linear", UNPROVEN)
+    found = judge_recorded(schedule, job, short, "linear", UNPROVEN)
     assert verdicts(found)["time_span"] == "failed"
 
 
@@ -227,7 +227,7 @@ def test_a_log_that_ends_early_fails(schedule, job):
     half = len(log.time) // 2
     rates = (log.position[:half], log.velocity[:half], log.acceleration[:half])
     short = LoggedMotion(log.joints, log.time[:half], *rates)
-    found = judge_driven(schedule, job, short, "cubic", UNPROVEN)
+    found = judge_recorded(schedule, job, short, "cubic", UNPROVEN)
     assert verdicts(found)["time_span"] == "failed"
 
 
@@ -237,9 +237,9 @@ def test_limits_are_those_of_the_interpolation(schedule, job):
     fast = LoggedMotion(
         log.joints, log.time / 2.0, log.position, log.velocity * 2.0, log.acceleration * 4.0
     )
-    found = judge_driven(schedule, job, fast, "cubic", UNPROVEN)
+    found = judge_recorded(schedule, job, fast, "cubic", UNPROVEN)
     checks = {check.name: check for check in found.verification.checks}
-    plain = judge_driven(schedule, job, log, "cubic", UNPROVEN)
+    plain = judge_recorded(schedule, job, log, "cubic", UNPROVEN)
     before = {check.name: check for check in plain.verification.checks}
     for name, factor in (("velocity", 2.0), ("acceleration", 4.0)):
         assert checks[name].measured == pytest.approx(factor * before[name].measured, rel=1e-9)
@@ -252,4 +252,4 @@ def test_an_interpolation_needs_its_derivatives(schedule, job, kind):
     log = logged(schedule)
     bare = LoggedMotion(log.joints, log.time, log.position)
     with pytest.raises(ValueError, match=f"{kind} interpolation needs velocities"):
-        judge_driven(schedule, job, bare, kind, ALLOWED)
+        judge_recorded(schedule, job, bare, kind, ALLOWED)

@@ -1,6 +1,6 @@
-"""Comparison of a driven motion with its plan: tracking errors, delays, tools, clearance.
+"""Comparison of a recorded motion with its plan: tracking errors, delays, tools, clearance.
 
-A joint has a delay d and a residual: q_driven(t) = q_plan(t - d) + residual(t). Least squares for d would take a slow
+A joint has a delay d and a residual: q_recorded(t) = q_plan(t - d) + residual(t). Least squares for d would take a slow
 residual, such as an oscillation of the arm, for a delay. So the residual is modelled by an autoregression, and d
 minimises the squares that it leaves; steps of generalised least squares then make it exact (Cochrane and Orcutt, 1949).
 A controller moves a group of joints: its delay is the median of theirs. Tracking errors are measured without the delay
@@ -32,8 +32,8 @@ from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 
 @dataclass(frozen=True)
-class DrivenSettings:
-    """Resolution of the comparison with a driven motion."""
+class ComparisonSettings:
+    """Resolution of the comparison with a recorded motion."""
 
     max_delay: float = 1.0
     """Longest delay in either direction [s]."""
@@ -65,7 +65,7 @@ class DrivenSettings:
     """Minimum length of a piece in the proof of clearance [s]."""
 
 
-DRIVEN = DrivenSettings()
+TRACK = ComparisonSettings()
 
 NOT_LOGGED = "joints that it depends on are not in the file"
 """Reason of checks that need joints which were not logged."""
@@ -73,7 +73,7 @@ NOT_LOGGED = "joints that it depends on are not in the file"
 
 @dataclass(frozen=True)
 class TrackingLimits:
-    """Requirements on a driven motion."""
+    """Requirements on a recorded motion."""
 
     error: float
     """Largest error of revolute joints without their delay [rad]."""
@@ -120,11 +120,11 @@ class EventTracking:
 
 
 @dataclass(frozen=True)
-class DrivenJudgement:
-    """Verification of a driven motion."""
+class RecordedJudgement:
+    """Verification of a recorded motion."""
 
     verification: Verification
-    """Checks, and the least clearance of every stage as driven."""
+    """Checks, and the least clearance of every recorded stage."""
     delay: float
     """Delay common to all groups [s]."""
     joints: tuple[JointTracking, ...]
@@ -133,7 +133,7 @@ class DrivenJudgement:
     """Tracking of tools at events, in the order of the plan."""
 
 
-def judge_driven(
+def judge_recorded(
     schedule: Schedule,
     job: Job,
     logged: LoggedMotion,
@@ -141,16 +141,16 @@ def judge_driven(
     allowed: TrackingLimits,
     *,
     as_planned: bool = False,
-) -> DrivenJudgement:
-    """Verify a driven motion against its plan.
+) -> RecordedJudgement:
+    """Verify a recorded motion against its plan.
 
     Args:
         schedule: the plan, with finite numbers and rising times.
         job: cell and tasks of the plan.
-        logged: the driven motion.
+        logged: the recorded motion.
         kind: interpolation between the samples.
         allowed: largest errors, and whether clearance is proven.
-        as_planned: whether joints that were not logged count as driven as planned; otherwise tools and clearance that
+        as_planned: whether joints missing from the log count as following the plan; otherwise tools and clearance that
             depend on them are not checked, and the motion fails.
 
     Raises:
@@ -164,10 +164,10 @@ def judge_driven(
     group_delays = {g: _median([delays[k] for k in columns]) for g, columns in groups.items()}
     joints = _track_joints(plan, motion, groups, group_delays, delays, schedule.robot.sliding)
     common = _common_delay([delay for delay in group_delays.values() if delay is not None])
-    driven = _driven_trajectory(schedule, logged.joints, motion, common)
+    actual = _recorded_trajectory(schedule, logged.joints, motion, common)
     missing = [joint for joint in schedule.trajectory.joints if joint not in logged.joints]
     unknown = [] if as_planned else missing
-    events = _track_events(schedule, driven, common, unknown)
+    events = _track_events(schedule, actual, common, unknown)
     checks = [
         _check_joints(missing, as_planned),
         _check_span(schedule, logged),
@@ -179,18 +179,18 @@ def judge_driven(
     if unknown or not allowed.clearance:
         why = NOT_LOGGED if unknown else "not requested; leave out --no-clearance"
         collisions = not_checked(COLLISIONS, why)
-    elif (speed_fraction := _mean_speed_fraction(driven, schedule)) > DRIVEN.max_mean_speed:
+    elif (speed_fraction := _mean_speed_fraction(actual, schedule)) > TRACK.max_mean_speed:
         why = f"cannot be proven: on average a joint moves at {speed_fraction:.3g} times its speed limit"
         collisions = judge(COLLISIONS, np.nan, TOL.clearance_slack, why)
     else:
-        moved = replace(schedule, motion=JointMotion.of(driven))
+        moved = replace(schedule, motion=JointMotion.of(actual))
         collisions, stages = check_clearance(moved, job_as_done(schedule, job))
     if stages:
         # Required clearance is an allowance for such errors: what remains is shown, and only contact fails.
         worst = min(stages, key=lambda s: s.clearance - min(s.required, 0.0))
         depth = max(min(worst.required, 0.0) - worst.clearance, 0.0)
         collisions = judge(COLLISIONS, depth, TOL.clearance_slack, collisions.detail)
-    return DrivenJudgement(Verification((*checks, collisions), stages), common, joints, events)
+    return RecordedJudgement(Verification((*checks, collisions), stages), common, joints, events)
 
 
 def _groups(robot: ScheduleRobot, joints: Sequence[str]) -> dict[str, list[int]]:
@@ -208,73 +208,73 @@ def _estimate_delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[floa
 
     Args:
         plan: planned motion of the logged joints.
-        motion: their driven motion.
+        motion: their recorded motion.
     """
-    count = int(np.clip(len(motion.time), 4 * DRIVEN.order, DRIVEN.max_samples))
+    count = int(np.clip(len(motion.time), 4 * TRACK.order, TRACK.max_samples))
     times = np.linspace(motion.time[0], motion.time[-1], count)
-    driven = motion.derivatives(times)[:, 0]
-    part = distinct(np.linspace(0, count - 1, DRIVEN.grid_samples).astype(int))
-    steps = round(DRIVEN.max_delay / DRIVEN.delay_step)
-    grid = np.arange(-steps, steps + 1) * DRIVEN.delay_step
-    spread = np.array([np.var(driven[part] - plan.at(times[part] - d)[0], axis=0) for d in grid])
-    moves = np.ptp(plan.at(times)[0], axis=0) >= DRIVEN.min_motion
+    actual = motion.derivatives(times)[:, 0]
+    part = distinct(np.linspace(0, count - 1, TRACK.grid_samples).astype(int))
+    steps = round(TRACK.max_delay / TRACK.delay_step)
+    grid = np.arange(-steps, steps + 1) * TRACK.delay_step
+    spread = np.array([np.var(actual[part] - plan.at(times[part] - d)[0], axis=0) for d in grid])
+    moves = np.ptp(plan.at(times)[0], axis=0) >= TRACK.min_motion
     best = grid[np.argmin(spread, axis=0)]
     return [
-        _fit_delay(plan.select([joint]), times, driven[:, k], float(best[k])) if moves[k] else None
+        _fit_delay(plan.select([joint]), times, actual[:, k], float(best[k])) if moves[k] else None
         for k, joint in enumerate(plan.joints)
     ]
 
 
-def _fit_delay(plan: Trajectory, times: FloatArray, driven: FloatArray, first: float) -> float:
+def _fit_delay(plan: Trajectory, times: FloatArray, actual: FloatArray, first: float) -> float:
     """Estimate the delay of one joint [s].
 
     Args:
         plan: planned motion of the joint.
         times: instants at equal distances [s], shape (m,).
-        driven: driven positions, shape (m,).
+        actual: recorded positions, shape (m,).
         first: initial guess of the delay [s].
     """
     from scipy.optimize import minimize_scalar
 
-    if np.abs(_residual(plan, times, driven, first)).max() < TOL.same_joints:
+    if np.abs(_residual(plan, times, actual, first)).max() < TOL.same_joints:
         return first
-    half, step = DRIVEN.fit_half_width, DRIVEN.fine_step
+    half, step = TRACK.fit_half_width, TRACK.fine_step
     grid = first + np.arange(-half, half + step, step)
-    squares = [_unexplained(plan, times, driven, d) for d in grid]
+    squares = [_unexplained(plan, times, actual, d) for d in grid]
     middle = float(grid[int(np.argmin(squares))])
-    bounds = (middle - DRIVEN.fine_step, middle + DRIVEN.fine_step)
-    best = minimize_scalar(lambda d: _unexplained(plan, times, driven, d), bounds=bounds)
+    bounds = (middle - TRACK.fine_step, middle + TRACK.fine_step)
+    best = minimize_scalar(lambda d: _unexplained(plan, times, actual, d), bounds=bounds)
     initial = delay = float(best.x)
-    for _ in range(DRIVEN.max_steps):
-        residual = _residual(plan, times, driven, delay)
+    for _ in range(TRACK.max_steps):
+        residual = _residual(plan, times, actual, delay)
         if np.abs(residual).max() < TOL.same_joints:
             break
         weights, windows = _autoregression(residual)
         velocity = plan.at(times - delay)[1][:, 0]
         slope = velocity - velocity.mean()
-        slope = slope[DRIVEN.order :] - product(_windows(slope), weights)
+        slope = slope[TRACK.order :] - product(_windows(slope), weights)
         # A delay d is an error of -d v.
-        innovations = residual[DRIVEN.order :] - product(windows, weights)
+        innovations = residual[TRACK.order :] - product(windows, weights)
         change = -float(product(slope, innovations)) / float(product(slope, slope))
         delay += change
-        if abs(delay - initial) > DRIVEN.fine_step:
+        if abs(delay - initial) > TRACK.fine_step:
             return initial
-        if abs(change) < DRIVEN.convergence:
+        if abs(change) < TRACK.convergence:
             break
     return delay
 
 
-def _residual(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float) -> FloatArray:
+def _residual(plan: Trajectory, times: FloatArray, actual: FloatArray, delay: float) -> FloatArray:
     """Compute the residual of a joint without a delay and its mean, shape (m,)."""
-    error = driven - plan.at(times - delay)[0][:, 0]
+    error = actual - plan.at(times - delay)[0][:, 0]
     return np.asarray(error - error.mean())
 
 
-def _unexplained(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float) -> float:
+def _unexplained(plan: Trajectory, times: FloatArray, actual: FloatArray, delay: float) -> float:
     """Compute the squared residual that an autoregression leaves."""
-    residual = _residual(plan, times, driven, delay)
+    residual = _residual(plan, times, actual, delay)
     weights, windows = _autoregression(residual)
-    innovations = residual[DRIVEN.order :] - product(windows, weights)
+    innovations = residual[TRACK.order :] - product(windows, weights)
     return float(product(innovations, innovations))
 
 
@@ -286,13 +286,13 @@ def _autoregression(residual: FloatArray) -> tuple[FloatArray, FloatArray]:
     windows = _windows(residual)
     gram = product(windows.T, windows)
     weights = np.asarray(
-        np.linalg.lstsq(gram, product(windows.T, residual[DRIVEN.order :]), rcond=1e-10)[0], float
+        np.linalg.lstsq(gram, product(windows.T, residual[TRACK.order :]), rcond=1e-10)[0], float
     )
     return weights, windows
 
 
 def _windows(values: FloatArray) -> FloatArray:
-    return np.lib.stride_tricks.sliding_window_view(values[:-1], DRIVEN.order)
+    return np.lib.stride_tricks.sliding_window_view(values[:-1], TRACK.order)
 
 
 def _median(delays: Sequence[float | None]) -> float | None:
@@ -316,15 +316,15 @@ def _track_joints(
     sliding: frozenset[str],
 ) -> tuple[JointTracking, ...]:
     """Measure the tracking of each joint, at the samples and between them."""
-    fractions = np.array(DRIVEN.error_fractions)
+    fractions = np.array(TRACK.error_fractions)
     inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * fractions
     times = np.append(inner.ravel(), motion.time[-1])
-    driven = motion.derivatives(times)[:, 0]
-    as_logged = np.abs(driven - plan.at(times)[0]).max(axis=0)
+    actual = motion.derivatives(times)[:, 0]
+    as_logged = np.abs(actual - plan.at(times)[0]).max(axis=0)
     tracking: dict[int, JointTracking] = {}
     for group, columns in groups.items():
         names = [plan.joints[k] for k in columns]
-        error = driven[:, columns] - plan.select(names).at(times - (late[group] or 0.0))[0]
+        error = actual[:, columns] - plan.select(names).at(times - (late[group] or 0.0))[0]
         for n, k in enumerate(columns):
             worst = int(np.argmax(np.abs(error[:, n])))
             tracking[k] = JointTracking(
@@ -339,10 +339,10 @@ def _track_joints(
     return tuple(tracking[k] for k in sorted(tracking))
 
 
-def _driven_trajectory(
+def _recorded_trajectory(
     schedule: Schedule, joints: Sequence[str], motion: PiecewisePolynomial, delay: float
 ) -> Trajectory:
-    """Convert the driven motion to cubics between knots, by the clock of the plan.
+    """Convert the recorded motion to cubics between knots, by the clock of the plan.
 
     Joints stand before the first sample and after the last one. A quintic is split into cubics with its positions and
     velocities.
@@ -350,16 +350,16 @@ def _driven_trajectory(
     Args:
         schedule: the plan, for joints that were not logged.
         joints: names of the logged joints.
-        motion: driven motion of these joints, by the clock of the log.
+        motion: recorded motion of these joints, by the clock of the log.
         delay: delay of the log [s].
     """
     plan, duration = schedule.trajectory, schedule.duration
-    pieces = DRIVEN.cubics_per_quintic if motion.coefficients.shape[1] > 4 else 1
+    pieces = TRACK.cubics_per_quintic if motion.coefficients.shape[1] > 4 else 1
     inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * (np.arange(pieces) / pieces)
     logged = np.append(inner.ravel(), motion.time[-1]) - delay
     edges = np.union1d(np.union1d(logged, plan.time), [0.0, duration])
     edges = edges[(edges >= 0.0) & (edges <= duration)]
-    edges = edges[np.append(np.diff(edges) > DRIVEN.min_piece, True)]
+    edges = edges[np.append(np.diff(edges) > TRACK.min_piece, True)]
     middle, length = 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)[:, None]
     q, v, _ = (row.copy() for row in plan.at(edges))
     begin, end = (row.copy() for row in (v[:-1], v[1:]))
@@ -383,7 +383,7 @@ def _driven_trajectory(
 
 
 def _track_events(
-    schedule: Schedule, driven: Trajectory, delay: float, unknown: Sequence[str]
+    schedule: Schedule, actual: Trajectory, delay: float, unknown: Sequence[str]
 ) -> tuple[EventTracking, ...]:
     """Measure tools at events of arms whose joints are all known."""
     model = ToolModel(schedule)
@@ -395,7 +395,7 @@ def _track_events(
         if event.arm not in known_arms:
             continue
         without_delay, as_logged = (
-            model.pose(event.arm, driven.at(np.array([event.time - shift]))[0][0])
+            model.pose(event.arm, actual.at(np.array([event.time - shift]))[0][0])
             for shift in (delay, 0.0)
         )
         tracking.append(
@@ -414,8 +414,8 @@ def _check_joints(missing: Sequence[str], as_planned: bool) -> Check:
         return judge("joints", 0.0, 0.0, "every joint of the robot")
     names = f"not in the file: {', '.join(missing)}"
     if as_planned:
-        return not_checked("joints", f"{names}; taken as driven as planned")
-    advice = "--unlogged-as-planned takes them as driven as planned"
+        return not_checked("joints", f"{names}; assumed to follow the plan")
+    advice = "--unlogged-as-planned assumes that they follow the plan"
     return judge("joints", float(len(missing)), 0.0, f"{names}; {advice}")
 
 
@@ -425,7 +425,7 @@ def _check_span(schedule: Schedule, logged: LoggedMotion) -> Check:
     missing = max(begin, schedule.duration - end, 0.0)
     where = f"{begin:.3f} to {end:.3f} s of {schedule.duration:.3f} s"
     step = 2.0 * float(np.diff(logged.time).max())
-    slack = min(step, TOL.driven_span * schedule.duration)
+    slack = min(step, TOL.recorded_span * schedule.duration)
     return judge("time_span", missing, slack, where)
 
 
@@ -472,17 +472,17 @@ def _check_limits(
             continue
         fraction = np.where(np.isfinite(limit), peak / limit, 0.0)
         k = int(np.argmax(fraction))
-        allowed_fraction = 1.0 + TOL.driven_rate_slack
+        allowed_fraction = 1.0 + TOL.recorded_rate_slack
         where = f"{joints[k]}, limit {limit[k]:g}"
         checks.append(judge(name, float(fraction[k]), allowed_fraction, where))
     return checks
 
 
-def _mean_speed_fraction(driven: Trajectory, schedule: Schedule) -> float:
+def _mean_speed_fraction(actual: Trajectory, schedule: Schedule) -> float:
     """Compute the largest mean joint speed, as a fraction of its limit."""
-    time = np.union1d(driven.time, 0.5 * (driven.time[1:] + driven.time[:-1]))
-    travel = np.abs(np.diff(driven.at(time)[0], axis=0)).sum(axis=0)
-    limits = schedule.robot.limits.select(driven.joints).velocity
+    time = np.union1d(actual.time, 0.5 * (actual.time[1:] + actual.time[:-1]))
+    travel = np.abs(np.diff(actual.at(time)[0], axis=0)).sum(axis=0)
+    limits = schedule.robot.limits.select(actual.joints).velocity
     return float((travel / (limits * (time[-1] - time[0]))).max())
 
 
