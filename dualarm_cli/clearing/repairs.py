@@ -382,7 +382,7 @@ def _repairable(context: StageContext, a: int) -> bool:
         np.concatenate([first, from_arrival]), np.concatenate([held[:1], held[arrival:]])
     )
     return bool(
-        (context.cell.own_margins(a, rows.position, rows.held[:, a], ground=True) >= KEPT).all()
+        (context.cell.arm_margins(a, rows.position, rows.held[:, a], ground=True) >= KEPT).all()
     )
 
 

@@ -251,7 +251,7 @@ def alone_clear(cell: CellClearance, samples: StageSamples, a: int) -> bool:
 
 def _arm_margins(cell: CellClearance, a: int) -> Margins:
     def margins(position: FloatArray, held: IntArray) -> FloatArray:
-        return cell.own_margins(a, position, held[:, a], ground=True)
+        return cell.arm_margins(a, position, held[:, a], ground=True)
 
     return margins
 
@@ -374,7 +374,7 @@ def missing_clearance(
     def missing(curves: FloatArray) -> FloatArray:
         rows = _beside(context, name, stage.position[instants], curves)
         held = np.tile(stage.held[instants], (len(curves), 1))
-        margin = context.cell.own_margins(a, rows, held[:, a])
+        margin = context.cell.arm_margins(a, rows, held[:, a])
         if with_other:
             margin = np.minimum(margin, context.cell.cross_margins(rows, held))
         lack: FloatArray = np.maximum(context.settings.curve_spare - margin, 0.0).reshape(

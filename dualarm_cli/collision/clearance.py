@@ -179,7 +179,7 @@ class CellClearance:
                         rows |= held[:, a] == number
         return rows
 
-    def own_margins(
+    def arm_margins(
         self, a: int, position: FloatArray, held: IntArray, *, ground: bool = False
     ) -> FloatArray:
         """Compute the least margin of an arm without the other arm [m], shape (n,).
@@ -316,12 +316,12 @@ class CellClearance:
             if self.alone not in (None, arm):
                 continue
             load = self.loads.load(number)
-            pairs += self.own_pairs(a, number)
-            pairs += self.own_pairs(a, number, touching=True)
+            pairs += self.arm_pairs(a, number)
+            pairs += self.arm_pairs(a, number, touching=True)
             pairs += self.test.ground(arm, load.name).pairs if load.on_line else ()
         return pairs
 
-    def own_pairs(self, a: int, number: int, *, touching: bool = False) -> Sequence[Pair]:
+    def arm_pairs(self, a: int, number: int, *, touching: bool = False) -> Sequence[Pair]:
         """Return the pairs of an arm with a load, without the other arm.
 
         Args:
@@ -339,5 +339,5 @@ class CellClearance:
         """Compute the least margin of all pairs [m], shape (n,); arguments as of `cross_margins`."""
         margins = self.cross_margins(position, held)
         for a in range(len(self.arms)):
-            margins = np.minimum(margins, self.own_margins(a, position, held[:, a], ground=True))
+            margins = np.minimum(margins, self.arm_margins(a, position, held[:, a], ground=True))
         return margins

@@ -84,7 +84,7 @@ class OrderMoves:
         carried = np.repeat(held, SAMPLES, axis=0)
         margins = np.full(len(position), np.inf)
         for a in range(len(order.model.arms)):
-            margins = np.minimum(margins, clearance.own_margins(a, position, carried[:, a]))
+            margins = np.minimum(margins, clearance.arm_margins(a, position, carried[:, a]))
         cross = clearance.cross_margins(position, carried)
         shape = len(moves), SAMPLES
         deficits = np.maximum(-margins, 0.0).reshape(shape).max(axis=1)

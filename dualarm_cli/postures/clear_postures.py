@@ -70,7 +70,7 @@ class StageCollisionTest:
                 rows[:, self.model.arms[name].columns] = _joints(posture, place)
             rows[:, columns] = q
             loads = np.tile(self._loads(place), (len(q), 1))
-            margins = cell.own_margins(a, rows, loads[:, a], ground=place == "target")
+            margins = cell.arm_margins(a, rows, loads[:, a], ground=place == "target")
             is_free = np.asarray(margins >= SLACK)
             if tested_arms:
                 remaining = np.flatnonzero(is_free)
@@ -95,13 +95,13 @@ class StageCollisionTest:
         rows[:, self.model.arms[arm].columns] = q
         a = self.holding.cell.arms.index(arm)
         loads = np.full(len(q), self._loads(place)[a])
-        return rows, self.holding.cell.own_margins(a, rows, loads)
+        return rows, self.holding.cell.arm_margins(a, rows, loads)
 
     def nearest(self, arm: str, position: FloatArray, place: Place) -> tuple[str, str, float]:
         """Find the nearest pair of one arm's bodies, without the other arm, and its margin [m]."""
         cell = self.holding.cell
         number = int(self._loads(place)[cell.arms.index(arm)])
-        return cell.test.nearest(position, cell.own_pairs(cell.arms.index(arm), number))
+        return cell.test.nearest(position, cell.arm_pairs(cell.arms.index(arm), number))
 
     def arms_clear(
         self,

@@ -100,7 +100,7 @@ def test_of_an_arm_alone_only_its_own_margins_count(clearance, postures):
     held = np.random.default_rng(4).integers(0, 6, (40, 2))
     apart = dataclasses.replace(clearance, alone="left")
     assert (apart.cross_margins(postures, held) == np.inf).all()
-    own = clearance.own_margins(0, postures, held[:, 0], ground=True)
+    own = clearance.arm_margins(0, postures, held[:, 0], ground=True)
     np.testing.assert_array_equal(apart.margins(postures, held), own)
     assert all("right" not in pair[0] + pair[1] for pair in apart.lacking(postures[0], held[0]))
     assert np.isfinite(clearance.cross_margins(postures, held)).all()
@@ -114,10 +114,10 @@ def test_a_number_stands_for_the_pairs_of_its_part(clearance, postures, part, on
     test = clearance.test
     for a, arm in enumerate(clearance.arms):
         own = test.margins(test.arm_pairs(arm, part, on_line), postures)
-        np.testing.assert_array_equal(clearance.own_margins(a, postures, held), own)
+        np.testing.assert_array_equal(clearance.arm_margins(a, postures, held), own)
         lying = test.margins(test.ground(arm, part), postures)
         least = np.where((lying < 0.0) & on_line, np.minimum(own, lying), own)
-        found = clearance.own_margins(a, postures, held, ground=True)
+        found = clearance.arm_margins(a, postures, held, ground=True)
         np.testing.assert_array_equal(found, least)
 
 

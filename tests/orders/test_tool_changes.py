@@ -193,7 +193,7 @@ def test_on_its_stand_a_tool_may_touch_what_stands_there_and_nowhere_else(kit):
 
     def margins(name, on_line):
         held = np.full(len(position), test.loads.number(name, on_line=on_line))
-        return test.own_margins(a, position, held, ground=True)
+        return test.arm_margins(a, position, held, ground=True)
 
     free = margins("", False) >= 0.0
     assert free.any(), "the arm itself is clear of the rack somewhere"

@@ -190,7 +190,7 @@ def test_tools_may_touch_the_part_only_while_it_is_handed_over(flip, schedule):
         assert cell.cross_margins(q[None], held)[0] < -0.005
         assert cell.cross_margins(q[None], handed)[0] > 0.0
         # Everything else counts as ever: obstacles, and the other arm's links.
-        assert cell.own_margins(part, q[None], handed[:, part])[0] > 0.0
+        assert cell.arm_margins(part, q[None], handed[:, part])[0] > 0.0
     long = dataclasses.replace(
         flip.cell, parts={"bracket": (), "bracket@flip-1": flip.cell.parts["bracket@flip-1"]}
     )

@@ -180,8 +180,8 @@ class _Margins:
     def __getattr__(self, name: str) -> object:
         return getattr(self._cell, name)
 
-    def own_margins(self, a: int, position: FloatArray, held: IntArray) -> FloatArray:
-        return np.minimum(self._cell.own_margins(a, position, held), self._most)
+    def arm_margins(self, a: int, position: FloatArray, held: IntArray) -> FloatArray:
+        return np.minimum(self._cell.arm_margins(a, position, held), self._most)
 
 
 @pytest.mark.parametrize(("margin", "possible"), [(0.5 * SLACK, True), (0.0, True), (-1e-6, False)])

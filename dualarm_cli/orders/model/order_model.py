@@ -419,7 +419,7 @@ class OrderModel:
         position = np.tile(self.start, (len(places), 1))
         position[:, self.model.platform_columns] = self.angles[angle]
         position[:, self.model.arms[name].columns] = places
-        margins = self.clearance.own_margins(self.clearance.arms.index(name), position, held)
+        margins = self.clearance.arm_margins(self.clearance.arms.index(name), position, held)
         return np.asarray((margins >= 0.0).reshape(3, -1).all(axis=0))
 
 

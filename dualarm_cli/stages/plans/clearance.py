@@ -103,7 +103,7 @@ class SequenceClearance:
         joints: list[FloatArray | None] = [None] * len(self.cell.arms)
         joints[a] = q
         position = self.positions(angle, joints)
-        return np.asarray(self.cell.own_margins(a, position, np.full(len(q), held)) >= spare)
+        return np.asarray(self.cell.arm_margins(a, position, np.full(len(q), held)) >= spare)
 
     def along(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Interpolate SAMPLES configurations on every straight move [rad], shape (n SAMPLES, columns).

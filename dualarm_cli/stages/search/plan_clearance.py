@@ -78,7 +78,7 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     cross = test.cell.cross_margins(position, held)
     arm_margins = np.full(len(position), np.inf)
     for a, arm in enumerate(problem.arms):
-        margin = test.cell.own_margins(a, position, held[:, a])
+        margin = test.cell.arm_margins(a, position, held[:, a])
         # An idle arm does not move: it needs no slack beyond the required clearance.
         idle = np.array([stop is None for stop in arm.stops], dtype=np.bool_)
         margin[: PENALTY.stops * n] += np.where(np.tile(idle, PENALTY.stops), SLACK, 0.0)
@@ -128,7 +128,7 @@ def step_waits(
     cross = test.cell.cross_margins(np.concatenate([moves, arrival, target, end]), held)
     lacks = np.zeros(len(moves))
     for a in range(len(before)):
-        margins = test.cell.own_margins(a, moves, np.full(len(moves), before[a]))
+        margins = test.cell.arm_margins(a, moves, np.full(len(moves), before[a]))
         lacks = np.maximum(lacks, -margins)
     apart = np.all((cross[: len(moves)] >= 0.0).reshape(n, SAMPLES), axis=1)
     stops = (cross[len(moves) :] >= SLACK).reshape(3, n)
