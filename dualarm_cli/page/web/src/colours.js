@@ -1,5 +1,4 @@
-// Colours for canvases and the 3-D view, read from the style sheet: the palette of Okabe and Ito, which remains
-// distinguishable with colour vision deficiencies.
+// Colours for canvases and the 3-D view, read from the style sheet, and dash patterns.
 
 /** @type {Map<string, string>} */
 const cache = new Map();
@@ -18,11 +17,8 @@ export function colour(name) {
   return value;
 }
 
-/** Colours of the curves of selected joints, in turn. */
-export const CURVES = ["curve-1", "curve-2", "curve-3", "curve-4", "curve-5", "curve-6", "curve-7"];
-
-/** Dash patterns of curves; the next one is used when all colours are taken. */
-export const DASHES = [[], [6, 3], [2, 3]];
+/** Dash patterns of curves [px]: by the number of a joint in its arm, or by coordinate. */
+export const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [14, 4], [4, 4], [9, 3, 2, 3, 2, 3], [1, 5]];
 
 /**
  * Set up the dark and light themes; the system's preference applies until the user selects one.

@@ -2,8 +2,10 @@
 
 import uPlot from "uplot";
 import { clearanceAt, clearanceColour } from "./clearance.js";
-import { CURVES, DASHES, colour } from "./colours.js";
+import { DASHES, colour } from "./colours.js";
+import { armsOf } from "./data.js";
 import { GUTTER, MARGIN, SMALL } from "./gantt.js";
+import { toolState } from "./tools.js";
 import { sampleCurves } from "./trajectory.js";
 import { jointUnit, rulerTimes } from "./units.js";
 
@@ -28,14 +30,13 @@ export function limitsOf(joint, quantity) {
 }
 
 /**
- * Return the style of a selected joint's curve.
- * @param {number} number in the order of selection
+ * Return the style of a joint's curve: the colour of its arm, the dashes of its number in the arm.
+ * @param {Joint[]} joints of the robot
+ * @param {Joint} joint
  */
-export function curveStyle(number) {
-  return {
-    colour: colour(CURVES[number % CURVES.length]),
-    dash: DASHES[Math.floor(number / CURVES.length) % DASHES.length],
-  };
+export function curveStyle(joints, joint) {
+  const number = joints.filter(({ group }) => group === joint.group).indexOf(joint);
+  return { colour: colour(`${joint.group}-trace`), dash: DASHES[number % DASHES.length] };
 }
 
 /** @typedef {{width: number, height: number}} Size of a plot [px] */
@@ -158,19 +159,19 @@ function drawLimits(u, limits) {
 /**
  * Create the plots of a quantity of the selected joints: one each for revolute and for prismatic joints.
  * @param {Quantity} quantity
- * @param {{joint: Joint, number: number}[]} selected
+ * @param {Joint[]} selected
+ * @param {Joint[]} all joints of the robot
  * @param {import("./clock.js").TimeWindow} timeWindow
  * @param {Size} size
  * @returns {Plot[]}
  */
-export function jointPlots(quantity, selected, timeWindow, size) {
-  const groups = [false, true].map((slides) => selected.filter((c) => c.joint.slides === slides));
-  return groups.flatMap((group) => {
-    if (group.length === 0) return [];
-    const joints = group.map(({ joint }) => joint);
+export function jointPlots(quantity, selected, all, timeWindow, size) {
+  const groups = [false, true].map((slides) => selected.filter((joint) => joint.slides === slides));
+  return groups.flatMap((joints) => {
+    if (joints.length === 0) return [];
     const unit = jointUnit(joints[0].slides, quantity);
-    const styles = group.map(({ number }) => curveStyle(number));
-    const limits = group.flatMap(({ joint }, i) =>
+    const styles = joints.map((joint) => curveStyle(all, joint));
+    const limits = joints.flatMap((joint, i) =>
       limitsOf(joint, quantity).map((value) => ({
         value: value * unit.perUnit,
         colour: styles[i].colour,
@@ -189,6 +190,38 @@ export function jointPlots(quantity, selected, timeWindow, size) {
         return /** @type {uPlot.AlignedData} */ ([time, ...rows]);
       },
     });
+  });
+}
+
+/** Curves of the tools, and the names of what each draws per arm. */
+export const TOOLS = /** @type {Object<string, string[]>} */ ({ "tool speed": ["speed"], "tool path": ["x", "y", "z"] });
+
+/**
+ * Create the plot of the speed of the tool centre points, or of their coordinates in the world.
+ * @param {Plan} plan
+ * @param {string} name of TOOLS
+ * @param {import("./clock.js").TimeWindow} timeWindow
+ * @param {Size} size
+ */
+export function toolPlot(plan, name, timeWindow, size) {
+  const arms = armsOf(plan);
+  const isSpeed = name === "tool speed";
+  const cap = plan.report.tool_speed_cap;
+  return makePlot({
+    name,
+    title: isSpeed ? "tool [mm/s]" : "tool [mm]",
+    timeWindow,
+    size,
+    fromZero: isSpeed,
+    series: arms.flatMap((arm) => TOOLS[name].map((_, k) => ({ colour: colour(`${arm}-trace`), dash: DASHES[k] }))),
+    limits: isSpeed && cap ? [{ value: cap * 1e3, colour: colour("muted") }] : [],
+    data: (from, to, count) => {
+      const times = Array.from({ length: count }, (_, i) => from + ((to - from) * i) / (count - 1));
+      const states = times.map((time) => arms.map((arm) => toolState(plan, arm, time)));
+      const values = (/** @type {ReturnType<typeof toolState>} */ { xyz, speed }) => (isSpeed ? [speed] : xyz);
+      const rows = arms.flatMap((_, a) => TOOLS[name].map((_, k) => states.map((state) => values(state[a])[k] * 1e3)));
+      return /** @type {uPlot.AlignedData} */ ([times, ...rows]);
+    },
   });
 }
 

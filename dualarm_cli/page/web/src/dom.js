@@ -50,6 +50,22 @@ export function toggle(text, title, on, action) {
   return node;
 }
 
+/**
+ * Create a sample of a line.
+ * @param {string} colour
+ * @param {number[]} dash
+ */
+export function lineSample(colour, dash) {
+  const make = (/** @type {string} */ tag, /** @type {Object<string, any>} */ properties) => {
+    const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    for (const [name, value] of Object.entries(properties)) node.setAttribute(name, String(value));
+    return node;
+  };
+  const sample = make("svg", { class: "line", "aria-hidden": true });
+  sample.append(make("line", { x2: "100%", y1: 2, y2: 2, stroke: colour, "stroke-width": 2, "stroke-dasharray": dash.join(" ") }));
+  return sample;
+}
+
 /** Length above which texts may break anywhere. */
 const BREAKABLE_LENGTH = 20;
 

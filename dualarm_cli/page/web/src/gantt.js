@@ -137,7 +137,9 @@ export class Gantt {
     g.fillText("stage", GUTTER - 10, RULER + this.stagesHeight / 2);
     for (const [i, row] of this.rows.entries()) {
       const middle = row.arm ? TASKS + BARS / 2 : PLATFORM / 2;
-      g.fillStyle = colour(row.arm ? "text" : "muted");
+      g.fillStyle = colour(row.arm ? `${row.arm}-trace` : "muted");
+      if (row.arm) g.fillRect(GUTTER - 5, this.tops[i] + TASKS, 4, BARS);
+      g.fillStyle = colour(row.arm ? `${row.arm}-text` : "muted");
       g.fillText(row.name, GUTTER - 10, this.tops[i] + middle);
     }
   }

@@ -1,5 +1,6 @@
 // Panels of the report: overview with cycle time and bound, stages, waits, joints, checks, notes.
 
+import { jointLabel } from "./labels.js";
 import { element, table } from "./dom.js";
 import { actionOn, fixed, millimetres, percent, seconds, significant, word } from "./units.js";
 
@@ -46,8 +47,7 @@ export function overview(plan, go) {
     figures.push(figure(fixed(report.parts_per_hour, 0), `parts per hour (${report.parts} per cycle)`));
   }
   if (report.lower_bound !== null) {
-    figures.push(figure(seconds(report.lower_bound), "lower bound", "No plan of these stages is faster; see the notes"));
-    figures.push(figure(percent(report.gap), "gap to the bound: largest possible saving"));
+    figures.push(figure(seconds(report.lower_bound), "lower bound: no plan of these stages is faster", "Proven; see the notes for what it assumes"));
   }
   const closest = report.smallest_clearance;
   if (closest) figures.push(figure(millimetres(closest.clearance), `least clearance (${millimetres(closest.required)} required)`));
@@ -67,7 +67,7 @@ export function overview(plan, go) {
     ...saved,
     ...budget(report),
     arms(report),
-    bottlenecks(report),
+    bottlenecks(plan),
     block("Settings", paragraph(settingsText(report))),
   ];
 }
@@ -157,13 +157,13 @@ function arms(report) {
   return block("Time of the arms", table(["", ...names.map((name) => `${name} #`)], rows, () => {}));
 }
 
-/** Create the table of bottleneck joints. @param {any} report */
-function bottlenecks(report) {
+/** Create the table of bottleneck joints. @param {Plan} plan */
+function bottlenecks({ report, joints }) {
   const counts = Object.entries(report.bottlenecks);
   if (counts.length === 0) return null;
   const maxCount = Math.max(...counts.map(([, count]) => Number(count)));
   const rows = counts.map(([joint, count]) => ({
-    cells: [joint, String(count), fractionBar(Number(count) / maxCount)],
+    cells: [jointLabel(joints, joint), String(count), fractionBar(Number(count) / maxCount)],
   }));
   return block("Bottlenecks", paragraph("Joints that limit the transfers, and numbers of stages."), table(["joint", "stages #", ""], rows, () => {}));
 }
@@ -183,7 +183,7 @@ export function stages(plan, go) {
       stageText(plan, stage),
       fixed(stage.start, 3),
       fixed(stage.end - stage.start, 3),
-      stage.bottleneck,
+      jointLabel(plan.joints, stage.bottleneck),
       clearances.has(i) ? fixed(clearances.get(i).clearance * 1e3, 1) : "–",
     ],
     time: stage.start,
@@ -252,12 +252,12 @@ export function limits(plan, go) {
   const used = plan.joints.map((joint) => {
     const fractions = report.limits_used[joint.name] ?? {};
     const cells = ["velocity", "acceleration", "jerk"].map((name) => percent(fractions[name], 0));
-    return { cells: [joint.name, ...cells, joint.limits.source] };
+    return { cells: [jointLabel(plan.joints, joint.name), ...cells, joint.limits.source] };
   });
   const blocks = [block("Peak use of each limit", table(["joint", "velocity #", "acceleration #", "jerk #", "source"], used, go))];
   if (report.sensitivity?.length) {
     const rows = report.sensitivity.map((/** @type {any} */ row) => ({
-      cells: [row.joint || "all joints", row.limit, fixed(row.lower, 3), fixed(row.higher, 3)],
+      cells: [row.joint ? jointLabel(plan.joints, row.joint) : "all joints", row.limit, fixed(row.lower, 3), fixed(row.higher, 3)],
     }));
     const heads = ["joint", "limit", "10 % lower [s] #", "10 % higher [s] #"];
     blocks.push(block("Cycle time with other limits", paragraph("With the same postures; a new plan may be faster."), table(heads, rows, go)));

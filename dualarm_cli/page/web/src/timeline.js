@@ -1,9 +1,11 @@
 // Timeline: Gantt chart and curves on a common time axis with one cursor.
 
-import { colour } from "./colours.js";
-import { clearancePlot, curveStyle, jointPlots } from "./curves.js";
-import { button, element, toggle } from "./dom.js";
+import { DASHES, colour } from "./colours.js";
+import { TOOLS, clearancePlot, curveStyle, jointPlots, toolPlot } from "./curves.js";
+import { armsOf } from "./data.js";
+import { button, element, lineSample, toggle } from "./dom.js";
 import { GUTTER, Gantt, LEGEND, MARGIN, drawLegendEntry } from "./gantt.js";
+import { jointLabel } from "./labels.js";
 import { QUANTITIES, stateAt } from "./trajectory.js";
 import { jointValue, millimetres } from "./units.js";
 import { clearanceAt, clearanceColour } from "./clearance.js";
@@ -105,7 +107,7 @@ export class Timeline {
   }
 
   makeChoices() {
-    const names = [...QUANTITIES, ...(this.plan.clearances.length ? ["clearance"] : [])];
+    const names = [...QUANTITIES, ...Object.keys(TOOLS), ...(this.plan.clearances.length ? ["clearance"] : [])];
     const quantities = names.map((name) =>
       toggle(name, `Show ${name} over time`, this.quantities.includes(name), (on) => {
         this.quantities = names.filter((n) => (n === name ? on : this.quantities.includes(n)));
@@ -115,7 +117,7 @@ export class Timeline {
     const joints = this.plan.joints.map((joint) => {
       const reading = element("span", { class: "reading" });
       this.readings.set(joint.name, reading);
-      const node = toggle(joint.name, `Curves of ${joint.name}`, this.joints.includes(joint.name), (on) => {
+      const node = toggle(jointLabel(this.plan.joints, joint.name), `Curves of ${joint.name}`, this.joints.includes(joint.name), (on) => {
         this.joints = on
           ? [...this.joints, joint.name]
           : this.joints.filter((name) => name !== joint.name);
@@ -215,11 +217,13 @@ export class Timeline {
   rebuild() {
     for (const plot of this.plots) plot.destroy();
     const size = this.plotSize();
-    const selected = this.joints.map((name, number) => ({ joint: this.joint(name), number }));
+    const selected = this.joints.map((name) => this.joint(name));
     this.plots = (this.folded ? [] : this.quantities).flatMap((name) =>
       name === "clearance"
         ? [clearancePlot(this.plan, this.timeWindow, size)]
-        : jointPlots(/** @type {Quantity} */ (name), selected, this.timeWindow, size),
+        : name in TOOLS
+          ? [toolPlot(this.plan, name, this.timeWindow, size)]
+          : jointPlots(/** @type {Quantity} */ (name), selected, this.plan.joints, this.timeWindow, size),
     );
     this.plotArea.replaceChildren(...this.plots.map((plot) => plot.element));
     this.showSelected();
@@ -232,20 +236,23 @@ export class Timeline {
 
   showSelected() {
     /** @type {{joint?: import("./types.js").Joint, clearance?: import("./types.js").Clearance, reading: HTMLElement, element: HTMLElement}[]} */
-    this.selectedReadings = this.joints.map((name, number) => {
-      const { colour: stroke, dash } = curveStyle(number);
-      const line = element("span", { class: "line" });
-      line.style.borderTopColor = stroke;
-      line.style.borderTopStyle = dash.length ? "dashed" : "solid";
+    this.selectedReadings = this.joints.map((name) => {
+      const joint = this.joint(name);
+      const { colour: stroke, dash } = curveStyle(this.plan.joints, joint);
       const reading = element("span", { class: "reading" });
-      return { joint: this.joint(name), reading, element: element("span", { class: "curve" }, line, name, reading) };
+      return { joint, reading, element: element("span", { class: "curve" }, lineSample(stroke, dash), jointLabel(this.plan.joints, name), reading) };
     });
     for (const clearance of this.quantities.includes("clearance") ? this.plan.clearances : []) {
-      const line = element("span", { class: "line" });
-      line.style.borderTopColor = colour(clearanceColour(clearance));
       const reading = element("span", { class: "reading" });
+      const line = lineSample(colour(clearanceColour(clearance)), []);
       const node = element("span", { class: "curve", title: DESCRIPTIONS[clearance.name] }, line, clearance.name, reading);
       this.selectedReadings.push({ clearance, reading, element: node });
+    }
+    for (const [name, parts] of Object.entries(TOOLS).filter(([name]) => this.quantities.includes(name))) {
+      for (const arm of armsOf(this.plan)) {
+        const lines = parts.flatMap((part, k) => [lineSample(colour(`${arm}-trace`), DASHES[k]), part]);
+        this.selectedReadings.push({ reading: element("span"), element: element("span", { class: "curve", title: `${name} of the ${arm} arm` }, ...lines, ` ${arm}`) });
+      }
     }
     this.chosen.replaceChildren(...this.selectedReadings.map((entry) => entry.element));
     this.showReadings();

@@ -33,6 +33,7 @@ function contrast(one, other) {
 const VISIONS = {
   "any other vision": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
   deuteranopia: [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]],
+  tritanopia: [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.3039]],
   protanopia: [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
 };
 
@@ -73,7 +74,9 @@ for (const theme of ["light", "dark"]) {
   });
 
   test(`${theme}: arms and actions are distinguishable with colour vision deficiencies`, () => {
-    const alike = [["left-arm", "right-arm"], ["left-trace", "right-trace"], ["pick", "place"], ["pick", "tool"], ["give", "take"], ["clearance", "near-links"], ["curve-1", "curve-2"], ["curve-2", "curve-3"], ["curve-1", "curve-3"]];
+    const actions = ["pick", "place", "give", "take", "tool", "path", "seam", "move"];
+    const pairs = (names) => names.flatMap((one, i) => names.slice(i + 1).map((other) => [one, other]));
+    const alike = [...pairs(["left-trace", "right-trace", ...actions]), ...pairs(["left-trace", "right-trace", "platform-trace"]), ["left-arm", "right-arm"], ["clearance", "near-links"]];
     for (const [name, vision] of Object.entries(VISIONS)) {
       for (const [one, other] of alike) {
         const found = distance(named[one], named[other], vision);

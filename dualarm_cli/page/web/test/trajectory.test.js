@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { countUpTo, movingIntervals, positionsAt, sampleCurves, stateAt } from "../src/trajectory.js";
+import { toolState } from "../src/tools.js";
 
 /** Two seconds from rest with jerk 6, then two seconds with jerk −6; by hand: q(2) = 8, v(2) = 12, a(2) = 12. */
 const KNOTS = {
@@ -98,4 +99,22 @@ test("a joint moves while its speed is not zero", () => {
 
 test("positions are in the order of the joints", () => {
   assert.deepEqual([...positionsAt([{ knots: JUMP }, { knots: KNOTS }], 1)], [1, 1]);
+});
+
+test("the tool's speed is that of a turning joint on a sliding one", () => {
+  const knots = (velocity) => ({ time: [0, 1], position: [0, velocity], velocity: [velocity, velocity], acceleration: [0, 0] });
+  const body = (more) => ({ parent: -1, xyz: [0, 0, 0], quat: [0, 0, 0, 1], slides: false, ...more });
+  const plan = {
+    joints: [{ knots: knots(0.5) }, { knots: knots(3) }],
+    bodies: [body({ joint: -1, axis: [0, 0, 1] }), body({ parent: 0, joint: 0, axis: [1, 0, 0], slides: true }), body({ parent: 1, joint: 1, axis: [0, 0, 1] })],
+    tcps: { left: { body: 2, xyz: [2, 0, 0.1], quat: [0, 0, 0, 1] } },
+  };
+  // At the start the tool is 2 m along x: 3 rad/s move it along y by 6 m/s, the slide along x by 0.5 m/s.
+  const { xyz, speed } = toolState(plan, "left", 0);
+  assert.deepEqual(xyz, [2, 0, 0.1]);
+  assert.ok(Math.abs(speed - Math.hypot(6, 0.5)) < 1e-12);
+  const step = 1e-6;
+  const [before, after] = [0.4 - step, 0.4 + step].map((time) => toolState(plan, "left", time).xyz);
+  const found = Math.hypot(...after.map((value, i) => value - before[i])) / (2 * step);
+  assert.ok(Math.abs(toolState(plan, "left", 0.4).speed - found) < 1e-8);
 });
