@@ -1,4 +1,4 @@
-"""Posture cells: boxes of platform angle, arm angle and branch that cover a stop's postures."""
+"""Posture cells that cover a stop's postures, with the least times of its lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Posture cells at the ends of stops, and the least work between them."""
+"""Least times of approach, dwell and retract of stops, between posture cells."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ class ClearanceLoop:
     timing: TimingSolver
     """Solver that times motions."""
     progress: Callable[[str], None]
-    """Receives a message at the beginning of each step."""
+    """Receiver of a message at the beginning of each step."""
     holding: Holding | None
     """Bodies that must not collide; None disables collision checking."""
     cache: MotionCache = field(default_factory=MotionCache, init=False)

@@ -1,1 +1,1 @@
-"""Many jobs planned and judged, in processes or on a cluster; answered from a store where nothing has changed."""
+"""Planning and judging of many jobs, in processes or on a cluster, with a store of results."""

@@ -1,1 +1,1 @@
-"""Numbers in, numbers out: arrays, angles, rotations and polynomial roots, with no robot in sight."""
+"""Numeric tools without robots: arrays, angles, rotations and polynomial roots."""

@@ -14,7 +14,7 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class InverseSettings:
-    """Settings of numeric inverse kinematics."""
+    """Starts, rounds, steps and tolerances of numeric inverse kinematics."""
 
     starts: int = 32
     """Number of starts of a round for each pose."""
@@ -73,8 +73,6 @@ def solve_poses(
     completeness is claimed; thousands of random starts find the same sets (tested). With more joints every start has
     a solution of its own on the curves of self-motion; rounds go on until there is one. Branches are numbers from 0
     within each pose.
-
-    An arm with closed forms is solved by these, with its own branches.
 
     Args:
         arm: kinematics and limits.

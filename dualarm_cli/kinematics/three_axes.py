@@ -26,7 +26,7 @@ Family = Literal["elbow", "two_steps", "quartic"]
 
 @dataclass(frozen=True)
 class ThreeAxesSettings:
-    """Tolerances and resolution of wrists by three axes."""
+    """Tolerances, grid and Newton limits of the postures of three axes."""
 
     parallel: float = 1e-7
     """Sine of the angle of two axes below which they count as parallel."""
@@ -92,7 +92,7 @@ class ThreeAxes:
 
     @classmethod
     def of(cls, R: FloatArray, p: FloatArray, point: FloatArray) -> ThreeAxes:
-        """Move the frames of three axes to their common normal.
+        """Build from joint frames, moved to the common normal of the first two axes.
 
         Args:
             R: constant rotation before each joint's motion, shape (3, 3, 3).

@@ -1,1 +1,1 @@
-"""The data model: frozen values that flow from the files to the reports; they neither read, write nor solve."""
+"""Data model: frozen values that flow from the files to the reports, and closed-form minimum times."""

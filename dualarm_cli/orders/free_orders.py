@@ -39,7 +39,7 @@ class FreeOrder:
 
 @dataclass(frozen=True)
 class FreeOrders:
-    """Result of the search."""
+    """Best orders of asynchronous arms, with a lower bound and whether it is proven."""
 
     ranked: tuple[FreeOrder, ...]
     """Best orders of each angle, best first; empty if no angle reaches all tasks."""

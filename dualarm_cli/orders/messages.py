@@ -35,7 +35,7 @@ def grid_gap(bound: float | None, total: float) -> float | None:
 
 
 def check_reach(order: OrderModel) -> None:
-    """Raise InfeasibleError if a task is out of reach of every arm; with causes by arm."""
+    """Raise InfeasibleError if no arm reaches a task, or an arm no tool stand."""
     reached = order.reached().any(axis=2)
     unreachable = np.flatnonzero(~reached.any(axis=0)).tolist()
     if not unreachable:
@@ -110,7 +110,7 @@ def check_meetings(order: OrderModel, problem: StageProblem) -> None:
 
 
 def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | None:
-    """Find a minimal set of contradictory rules; None if no contradiction is proven.
+    """Explain by minimal contradictory rules that no order exists; None if unproven.
 
     Args:
         order: the job's tasks.

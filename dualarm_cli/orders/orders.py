@@ -68,7 +68,7 @@ class DecidedOrder:
 
 @dataclass(frozen=True)
 class Orders:
-    """Result of the search."""
+    """Decided jobs, best first, with a lower bound of all orders."""
 
     ranked: tuple[DecidedOrder, ...]
     """Different orders, best first."""
@@ -78,10 +78,7 @@ class Orders:
     """Note on the search that gave the orders."""
 
     def gap(self, total: float) -> float | None:
-        """Compute the optimality gap of an order on the search's grid; None without a bound.
-
-        None without a bound.
-        """
+        """Compute the optimality gap of an order on the search's grid; None without a bound."""
         return grid_gap(self.bound, total)
 
 
@@ -108,7 +105,7 @@ class PairedSearch:
     def of(
         cls, model: CellModel, job: Job, effort: str, seed: int, watch: Watch, *, clear: bool
     ) -> PairedSearch:
-        """Prepares a job.
+        """Build the search of a job.
 
         Args:
             model: kinematics of the cell.

@@ -1,4 +1,4 @@
-"""Candidate postures of general arms: sampled at targets, follow_lines along lines."""
+"""Candidate postures of general arms: sampled at targets, followed along lines."""
 
 from __future__ import annotations
 

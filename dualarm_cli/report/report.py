@@ -99,7 +99,7 @@ def _kind_rows(beside: str, schedule: Schedule, job: Job) -> dict[str, Any]:
 
 
 def count_parts(job: Job) -> int:
-    """Count the parts: tasks with a pick or place, a hand-over once."""
+    """Count the tasks that pick or place; a hand-over counts once."""
     picks = (t.id for t in job.tasks if any(stop.action in ("pick", "place") for stop in t.stops))
     return len(set(picks))
 
@@ -111,14 +111,14 @@ def throughput(schedule: Schedule, job: Job) -> float | None:
 
 
 def plan_title(schedule: Schedule) -> str:
-    """Name a plan by its task file, folder or robot."""
+    """Name a plan by its task file, by the folder of `tasks.yaml`, or by its robot."""
     name = PurePosixPath(next(iter(schedule.provenance.inputs), ""))
     title = name.parent.name if name.stem == "tasks" else name.stem
     return title or schedule.robot.name
 
 
 def relative_gap(schedule: Schedule) -> float | None:
-    """Compute the relative distance of the duration from the lower bound, or None."""
+    """Compute (duration - lower bound) / duration; None without a bound."""
     bound, duration = schedule.lower_bound, schedule.duration
     return (duration - bound) / duration if bound is not None and duration > 0 else None
 

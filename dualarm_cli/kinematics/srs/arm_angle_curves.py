@@ -19,7 +19,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 @dataclass(frozen=True)
 class CurveTolerances:
-    """Tolerances of joints over the arm angle."""
+    """Tolerances of joints over the arm angle, and tables of turns and flips by joint."""
 
     stretched: float = 1e-14
     """Distance within which a wrist centre snaps to an end of its reach [m].
@@ -51,7 +51,7 @@ CURVES = CurveTolerances()
 
 @dataclass(frozen=True)
 class ArmPlane:
-    """Targets in canonical frames, component first: vectors (3, ...), rotations (3, 3, ...).
+    """Arm planes of targets: shoulder to wrist, elbow circle and bend, component first.
 
     The elbow moves on a circle about the unit vector u from shoulder to wrist, at the arm angle psi
     from r towards t: h(psi) = r cos psi + t sin psi. Upper arm and forearm then point along

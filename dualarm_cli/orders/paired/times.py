@@ -36,7 +36,7 @@ class Ends:
 
 
 def totals(problem: StageProblem, slots: IntArray, ends: Ends | None = None) -> FloatArray:
-    """Compute the makespans of b orders at their best platform angles [s], shape (b,).
+    """Compute makespans plus penalties of b orders at best platform angles [s], shape (b,).
 
     Args:
         problem: the stage problem.

@@ -68,7 +68,7 @@ class FreePlanner:
     timing: TimingSolver
     """Solver that times motions."""
     tell: Callable[[str], None]
-    """Receives what is being done."""
+    """Receiver of progress messages."""
     clear: bool
     """Whether anything has to be collision-free."""
     end: FloatArray | None = None

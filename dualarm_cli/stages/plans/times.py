@@ -130,7 +130,7 @@ def stage_times(
 
 
 def start_angle(problem: SequenceProblem, angle: FloatArray) -> float:
-    """Returns the platform angle before the first stage [rad]."""
+    """Platform angle before the first stage [rad]."""
     if not problem.turns:
         return 0.0
     return float(angle[0] if problem.free_start else problem.platform_start[0])
