@@ -1,4 +1,4 @@
-"""Posture cells that cover a stop's postures, with the least times of its lines."""
+"""Posture cells that cover a stop's postures, with lower bounds of line times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Least times of approach, dwell and retract of stops, between posture cells."""
+"""Posture cells at stop ends, and lower bounds of approach, dwell and retract."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ProofSettings:
-    """Resolution of the proof of clearance."""
+    """Step lengths, work limits and precision of the proof of clearance."""
 
     first_step: float = 0.08
     """Length of the first intervals [s]; longer in long motions, to limit memory."""
@@ -59,7 +59,7 @@ Windows = Sequence[tuple[float, float]] | None
 
 
 class UnprovenError(ValueError):
-    """Error for a motion that moves too far between its knots for a proof."""
+    """Error for a motion whose proof needs more halved intervals than allowed."""
 
 
 @dataclass(frozen=True)
@@ -120,15 +120,12 @@ class ClearanceProof:
         precision: float = PROOF.precision,
         other_margins: FloatArray | None = None,
     ) -> list[Certified]:
-        """Prove the least margin between each edge and the next.
+        """Prove the least margin (distance less requirement) in each interval [m]; infinite without pairs.
 
         Args:
             edges: instants that divide the motion into intervals [s], rising, shape (s + 1,).
             precision: largest gap between certified and measured margin [m].
             other_margins: margins of other pairs there [m], shape (s,); pairs whose balls have more are left out.
-
-        Returns:
-            Margins, infinite if no pair counts.
 
         Raises:
             UnprovenError: the number of halved intervals exceeds its limit.

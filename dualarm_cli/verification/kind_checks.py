@@ -1,4 +1,4 @@
-"""Interface of kinds of work to the verifier."""
+"""Interface by which kinds of work add checks to the verifier."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Tools at targets and on lines, tools at work between them, joints, assignment an
 
 @dataclass(frozen=True)
 class Evidence:
-    """Schedule to verify, with finite numbers and rising times."""
+    """Input of checks: schedule with finite numbers and rising times, job, tool model, line spans."""
 
     schedule: Schedule
     """Schedule as in its file."""
@@ -56,7 +56,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class KindChecks:
-    """Checks of one kind of work."""
+    """Checks, criteria and permitted touches of one kind of work."""
 
     judge: Mapping[Subject, Callable[[Evidence], Sequence[Check]]]
     """Checks by subject; without work of the kind they are `not checked` or left out."""

@@ -28,7 +28,7 @@ class MeshFinder:
     package.xml."""
 
     def find(self, reference: str) -> Path:
-        """Find a mesh file.
+        """Resolve a mesh reference, relative or in a package, to an existing file.
 
         Args:
             reference: a path relative to the URDF, or `package://name/path`.
@@ -100,7 +100,7 @@ def _as_package(folder: Path, package: str) -> Iterator[Path]:
 
 
 def ros_folders(environment: Mapping[str, str]) -> Sequence[Path]:
-    """List the folders of ROS packages.
+    """List the parent folders of ROS packages from environment variables.
 
     Args:
         environment: variables; ROS_PACKAGE_PATH of ROS 1 and AMENT_PREFIX_PATH of ROS 2 are read.

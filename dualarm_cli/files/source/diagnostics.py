@@ -1,4 +1,4 @@
-"""Diagnostics from pydantic's errors, with places, and their text.
+"""Conversion of pydantic's errors to diagnostics with places.
 
 Codes: `explanations.py`.
 """
@@ -49,11 +49,11 @@ class Findings:
         key: bool = False,
         about: Mapping[str, object] | None = None,
     ) -> None:
-        """Add one finding at the place of a value or its key."""
+        """Add one finding at a value or its key; `about` holds its data."""
         self.extend([replace(document.diagnostic(loc, code, message, key), about=about or {})])
 
     def extend(self, diagnostics: Iterable[Diagnostic]) -> None:
-        """Add findings; a number that could not be read (E104) is not reported again."""
+        """Add findings, except at places where a number was already unreadable (E104)."""
         fresh = [d for d in diagnostics if _place(d) not in self._unread]
         self._unread |= {_place(d) for d in fresh if d.code == "E104"}
         self.diagnostics += fresh

@@ -117,7 +117,7 @@ Scale = Annotated[float, Quantity(quantities.FRACTION, SMALLEST_POSITIVE)]
 
 
 def check_name(text: str) -> str:
-    """Check that a name can be shown and written."""
+    """Validate a name and return it: printable, trimmed, not too long."""
     if not text.strip():
         raise refuse("must not be empty")
     if len(text) > MAX_NAME_LENGTH:

@@ -33,9 +33,7 @@ COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 def read_poses(source: TextSource) -> list[pin.SE3]:
-    """Read the poses of a CSV file.
-
-    The header has x, y, z, qx, qy, qz, qw; each line has one pose [m].
+    """Read poses from CSV columns x, y, z [m], qx, qy, qz, qw; one pose a line.
 
     Args:
         source: the file.
@@ -119,12 +117,7 @@ class CurveReader:
         self._findings.add(self._document, loc, message, code)
 
     def frame(self, name: str | None, loc: Loc) -> pin.SE3 | None:
-        """Look up a frame in the world, or None after noting an error.
-
-        No name means the world.
-
-        No name means the world.
-        """
+        """Look up a frame's pose in the world (no name: the world); None after noting an error."""
         self._default = None
         return self._frame(name, loc)
 
@@ -139,11 +132,8 @@ class CurveReader:
         self._default = frame
         return self._curve(section, loc)
 
-    def placed(self, section: FramedPose, loc: Loc) -> pin.SE3 | None:
-        """Read a pose, or return None after noting an error.
-
-        It is in the world if it names a frame.
-        """
+    def world_pose(self, section: FramedPose, loc: Loc) -> pin.SE3 | None:
+        """Convert a pose to the world; None after noting an unknown frame."""
         frame = self.frame(section.in_, (*loc, "in"))
         return None if frame is None else frame * to_se3(section)
 

@@ -55,7 +55,7 @@ class BudgetSection(Section):
 
 
 class TimingSection(Section):
-    """Timing accuracy of both controllers."""
+    """Delay between the arms that plans must tolerate without losing clearance."""
 
     skew: Skew = Field(
         description="Delay of either arm against the other, up to which plans keep their clearance [s]."
@@ -88,7 +88,7 @@ PositionOrRow = Annotated[
 
 
 class DwellSection(Section):
-    """Dwell of a tool at its target, by purpose."""
+    """Parts of a dwell at a target [s]: gripper, settling, handshake."""
 
     gripper: Duration = Field(default=0.0, description="Time of the gripper [s].")
     settle: Duration = Field(default=0.0, description="Settling time of the arm [s].")

@@ -57,7 +57,7 @@ ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
 
 @dataclass(frozen=True)
 class KindReading:
-    """Extension of task files by one kind of work."""
+    """Keys, checks and readers that one kind of work adds to task files."""
 
     key: str = ""
     """Key of its tasks; empty if it only extends others."""

@@ -32,7 +32,7 @@ def incompatible_kinds(what: str) -> str:
 
 
 def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: Findings) -> None:
-    """Note duplicate ids, impossible precedence and unsupported kinds of tasks.
+    """Note every rule that tasks break: ids, order, windows, sequences, kinds.
 
     Args:
         document: the task file.
@@ -53,7 +53,7 @@ def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: 
 
 
 def check_settings(document: Document, model: TasksFile, findings: Findings) -> None:
-    """Note settings of the whole file that exclude each other.
+    """Note file settings incompatible with each other or with the file's tasks.
 
     Args:
         document: the task file.

@@ -80,7 +80,7 @@ class SeamReader:
         """
         is_valid = self._check_names(section, loc)
         curve = self._curve(section.curve, (*loc, "curve"))
-        part = self._curves.placed(section.part, (*loc, "part"))
+        part = self._curves.world_pose(section.part, (*loc, "part"))
         hold = self._hold(section.hold, (*loc, "hold"))
         if curve is None or part is None or hold is None or not is_valid:
             return None
@@ -151,7 +151,7 @@ class SeamReader:
                 self._reader.note((*loc, "way"), CORNERS)
                 return None
             return None if part_path is None else Hold(part_path=part_path)
-        pose = self._curves.placed(section, loc)
+        pose = self._curves.world_pose(section, loc)
         return None if pose is None else Hold(pose=pose)
 
     def _curve(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
