@@ -20,8 +20,13 @@ if TYPE_CHECKING:
         MissingDependencyError,
         OutputError,
         UsageError,
+        explain,
     )
+    from dualarm_cli.explanations import Explanation
     from dualarm_cli.interface import Plan, compare, compare_solvers, load, plan, verify
+    from dualarm_cli.interface.exporting import Export, export
+    from dualarm_cli.interface.many_plans import plan_many
+    from dualarm_cli.interface.reaching import inverse_kinematics, reach
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Event, JointSamples, Schedule
     from dualarm_cli.model.verification import Check, Verification
@@ -33,6 +38,8 @@ __all__ = [
     "Diagnostic",
     "DualArmError",
     "Event",
+    "Explanation",
+    "Export",
     "InfeasibleError",
     "InputError",
     "Job",
@@ -46,8 +53,13 @@ __all__ = [
     "__version__",
     "compare",
     "compare_solvers",
+    "explain",
+    "export",
+    "inverse_kinematics",
     "load",
     "plan",
+    "plan_many",
+    "reach",
     "verify",
 ]
 
@@ -60,7 +72,11 @@ _ERRORS = (
     "OutputError",
 )
 _HOMES = {
-    **dict.fromkeys((*_ERRORS, "UsageError"), "dualarm_cli.errors"),
+    **dict.fromkeys((*_ERRORS, "UsageError", "explain"), "dualarm_cli.errors"),
+    "Explanation": "dualarm_cli.explanations",
+    **dict.fromkeys(("Export", "export"), "dualarm_cli.interface.exporting"),
+    **dict.fromkeys(("inverse_kinematics", "reach"), "dualarm_cli.interface.reaching"),
+    "plan_many": "dualarm_cli.interface.many_plans",
     **dict.fromkeys(
         ("Plan", "compare", "compare_solvers", "load", "plan", "verify"), "dualarm_cli.interface"
     ),

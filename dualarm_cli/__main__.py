@@ -5,11 +5,12 @@ from __future__ import annotations
 import atexit
 import gc
 import os
-import resource
 import signal
 import sys
 from contextlib import suppress
 from typing import NoReturn
+
+from dualarm_cli.system import memory_limit
 
 SIGINT_EXIT = 130
 NO_MEMORY_EXIT = 4
@@ -24,8 +25,8 @@ STACK = 70_000
 
 def main() -> NoReturn:
     """Run the command line and end the process with its exit code."""
-    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY:
+    allowed = memory_limit()
+    if allowed is not None and allowed < LEAST_MEMORY:
         print(
             f"error: not enough memory: this process may use {allowed / 1e6:.0f} MB (ulimit -v), "
             f"at least {LEAST_MEMORY / 1e6:.0f} MB are needed",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import ctypes
 import gc
 import math
 import os
@@ -16,11 +15,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Generic, NoReturn, TypeVar
 
+from dualarm_cli.system import IS_LINUX, core_count, end_with_parent
+
 S = TypeVar("S")
 T = TypeVar("T")
 
-PR_SET_PDEATHSIG = 1
-"""Option of prctl for a signal when the parent ends (`linux/prctl.h`)."""
 ENDING = signal.SIGINT, signal.SIGTERM
 """Signals that end a command."""
 LENGTH = 8
@@ -42,7 +41,7 @@ ones when this process ends.
 
 def usable_cores() -> int:
     """Count the cores that this process may use: its affinity, capped by its container's quota."""
-    return max(1, min(len(os.sched_getaffinity(0)), math.ceil(_core_quota(CONTROL_GROUPS))))
+    return max(1, min(core_count(), math.ceil(_core_quota(CONTROL_GROUPS))))
 
 
 def _core_quota(root: Path) -> float:
@@ -98,7 +97,7 @@ class BackgroundCall(Generic[T]):
 
     def __enter__(self) -> BackgroundCall[T]:
         """Start the worker."""
-        if not _workers_allowed.get():
+        if not (_workers_allowed.get() and IS_LINUX):
             return self
         _reap(os.WNOHANG)
         # A signal in between would leave an orphaned worker, or one that continues as this process.
@@ -206,9 +205,7 @@ def _work(function: Callable[[], T], end: int, mask: set[int], parent: int) -> N
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         # The worker ends with its parent, however that ends.
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # the parent ended before this request
-            os._exit(0)
+        end_with_parent(parent)
         _workers_allowed.set(False)
         # Garbage collection of inherited objects would copy each page that it touches.
         gc.freeze()

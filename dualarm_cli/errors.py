@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import errno
-import resource
 from collections.abc import Mapping
 from dataclasses import field
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
+from dualarm_cli.explanations import Explanation, explanations
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal, codes, message
+from dualarm_cli.system import memory_limit
 
 
 def did_you_mean(word: str, words: list[str]) -> str:
@@ -53,6 +55,23 @@ class DualArmError(Exception):
     """Base class of the package's exceptions, with the exit code of the process."""
 
     exit_code = 4
+
+    def __repr__(self) -> str:
+        """Name the kind of error, with its text."""
+        return f"<{type(self).__name__}: {self}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Describe the error for other processes; constructors differ in their arguments."""
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(
+    kind: type[DualArmError], args: tuple[Any, ...], data: dict[str, Any]
+) -> DualArmError:
+    """Restore an error from another process."""
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(data)
+    return error
 
 
 class InputError(DualArmError):
@@ -100,6 +119,21 @@ class MissingDependencyError(UsageError):
         """Store the library and the package's extra that installs it."""
         self.library, self.extra = library, extra
         super().__init__(f"{library} is not installed: pip install 'dualarm[{extra}]'")
+
+
+def explain(code: str) -> Explanation:
+    """Look up the explanation of an error code, such as E610.
+
+    Raises:
+        UsageError: unknown code.
+    """
+    wanted, texts = code.strip().upper(), explanations()
+    if wanted not in texts:
+        guess = did_you_mean(wanted, list(texts)) or ";"
+        raise UsageError(
+            f"there is no error code '{code}'{guess} `dualarm explain` lists all codes"
+        )
+    return texts[wanted]
 
 
 class InfeasibleError(DualArmError):
@@ -167,10 +201,10 @@ def lacks_memory(error: BaseException) -> bool:
         return True
     if any(words in str(error) for words in _OUT_OF_MEMORY):
         return True
-    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+    allowed = memory_limit()
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
         peak = next(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmPeak:"))
     except (OSError, StopIteration):
         return False
-    return allowed != resource.RLIM_INFINITY and peak > _NEARLY_ALL * allowed
+    return allowed is not None and peak > _NEARLY_ALL * allowed

@@ -22,14 +22,19 @@ ROOT = Path(__file__).parents[1]
 PUBLIC = {
     "compare": "before after names",
     "compare_solvers": "jobs cases effort seed progress kept",
+    "explain": "code",
+    "export": "plan to job rate interpolation platform columns uniform",
+    "inverse_kinematics": "job arm pose platform",
     "load": "tasks changes",
     "plan": "job platform redundancy timing blend effort seed time_limit progress",
+    "plan_many": "jobs processes progress options",
+    "reach": "robot height tilt step",
     "verify": "schedule job clearance",
 }
 """Public functions and their parameters: what is changed here is changed for users."""
 CLASSES = (
-    "Check Diagnostic DualArmError Event InfeasibleError InputError Job JointSamples MissingDependencyError "
-    "OutputError Plan Schedule UsageError Verification"
+    "Check Diagnostic DualArmError Event Explanation Export InfeasibleError InputError Job JointSamples "
+    "MissingDependencyError OutputError Plan Schedule UsageError Verification"
 )
 
 

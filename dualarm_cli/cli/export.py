@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,14 +22,12 @@ from dualarm_cli.cli.parts.output import (
     stdout_console,
 )
 from dualarm_cli.errors import UsageError
-from dualarm_cli.formats import FORMATS, export
+from dualarm_cli.formats import FORMATS
 from dualarm_cli.report.printable import numbers
 
 if TYPE_CHECKING:
     from dualarm_cli.formats.sampling import JointLoss
 
-REPORT = "export.json"
-"""File that lists the exported files and the losses."""
 RATE = 100.0
 """Default sampling rate [Hz]."""
 
@@ -96,89 +93,55 @@ def export_command(
 
     Exit code 1 if the plan fails its verification; the files are written.
     """
-    from dualarm_cli.cli.parts.result_files import json_bytes, refuse_folder
+    from dualarm_cli.cli.parts.result_files import refuse_folder
     from dualarm_cli.cli.report import tasks_of
     from dualarm_cli.exporting.schedule_reader import read_schedule
-    from dualarm_cli.exporting.whole_files import replace_all
     from dualarm_cli.files.tasks.tasks import load_job
-    from dualarm_cli.formats.request import ExportLoss, ExportRequest, check_rate, columns_named
-    from dualarm_cli.model.schedule import ScheduleRobot
-    from dualarm_cli.verification import verify
-    from dualarm_cli.verification.robot_checks import unusable
+    from dualarm_cli.formats.request import check_rate, columns_named
+    from dualarm_cli.interface.exporting import EXPORT_REPORT, export
 
     check_rate(rate, "--rate")
     chosen = columns_named(columns.split(","), "--columns")
     if to.value != "csv" and columns != COLUMNS:
         raise UsageError(f"--columns goes with --to csv; leave it out with --to {to.value}")
-    schedule = read_schedule(plan)
     home = plan if plan.is_dir() else plan.parent
     folder = Path(out) if out is not None else home / to.value
-    arms = schedule.robot.arms
-    if platform.value not in ("own", "both", *arms):
-        raise UsageError(
-            f"--platform-with {platform.value}: the robot has no such arm: {', '.join(arms)}"
-        )
     job = None
-    form = FORMATS[to.value]
-    if form.needs_job or tasks is not None:
-        job = load_job(tasks if tasks is not None else tasks_of(schedule, home))
-    judged = verify(schedule, job)
-    if wrong := unusable(schedule, job, judged.failures):
-        raise UsageError(f"{plan}: cannot be exported: {wrong.detail}")
-    if job is not None:
-        schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
-    request = ExportRequest(
-        schedule, job, rate, interpolation.value, platform.value, chosen, uniform
+    if FORMATS[to.value].needs_job or tasks is not None:
+        job = load_job(tasks if tasks is not None else tasks_of(read_schedule(plan), home))
+    refuse_folder(str(folder) if out is None else out, (EXPORT_REPORT,), force)
+    made = export(
+        plan,
+        to.value,
+        job=job,
+        rate=rate,
+        interpolation=interpolation.value,
+        platform=platform.value,
+        columns=chosen,
+        uniform=uniform,
     )
-    if reason := form.why_unsupported(request):
-        raise UsageError(f"{plan}: cannot be exported to {to.value}: {reason}")
-    refuse_folder(str(folder) if out is None else out, (REPORT,), force)
-    files = export(to.value, request)
-    refuse_folder(str(folder), tuple(files), force)
-    loss = ExportLoss.of(form.motion, request) if form.motion else None
-    document: dict[str, Any] = {"format": "dualarm.export/1", "to": to.value}
-    document["files"] = list(files)
-    if loss is not None:
-        document |= {"rate": rate, "interpolation": loss.interpolation}
-        document["trajectories"] = {
-            group: {
-                "samples": count,
-                "joints": {row.joint: _row(row) for row in loss.joints[group]},
-            }
-            for group, count in loss.samples.items()
-        }
-    replace_all(folder, {**files, REPORT: [json_bytes(document)]})
+    refuse_folder(str(folder), tuple(made.files), force)
+    made.write(folder, force=True)
+    loss, motion = made.loss, FORMATS[to.value].motion
     if json_output:
-        print_json(document)
+        print_json(made.document)
     elif not quiet:
         if loss is not None:
             rows = loss.worst()
-            stdout_console().print(_table(rows, loss.interpolation, schedule.robot.sliding))
+            stdout_console().print(_table(rows, loss.interpolation, made.sliding))
             over = [row.joint for row in rows if not row.within_limits]
             # Samples and scenes are not meant for controllers.
-            if over and form.motion == "trajectories":
+            if over and motion == "trajectories":
                 knots = uniform and loss.interpolation == "cubic"
                 advice = f"raise --rate{', or leave out --uniform' if knots else ''}"
                 print_message(
                     f"warning: beyond limits under {loss.interpolation} interpolation: {', '.join(over)}; {advice}"
                 )
-        print_message(f"written: {folder}: {', '.join((*files, REPORT))}")
-    if not judged.passed:
-        failed = ", ".join(check.name for check in judged.failures)
+        print_message(f"written: {folder}: {', '.join((*made.files, EXPORT_REPORT))}")
+    if not made.verification.passed:
+        failed = ", ".join(check.name for check in made.verification.failures)
         print_message(f"verification: FAILED: {failed}; `dualarm verify` has details")
         raise typer.Exit(1)
-
-
-def _row(row: JointLoss) -> dict[str, Any]:
-    return {
-        "deviation": row.deviation,
-        "time": row.time,
-        "velocity_share": row.velocity,
-        "acceleration_share": row.acceleration,
-        "jerk_share": row.jerk,
-        "beyond_position": row.beyond,
-        "within_limits": row.within_limits,
-    }
 
 
 def _table(rows: list[JointLoss], kind: str, sliding: frozenset[str]) -> Any:

@@ -48,17 +48,12 @@ def explain_command(
     json_output: JsonOption = False,
 ) -> None:
     """Explain an error code: causes and remedies."""
-    from dualarm_cli.errors import UsageError, did_you_mean
+    from dualarm_cli.errors import explain
     from dualarm_cli.explanations import explanations
     from dualarm_cli.files.source.bundled import documentation_page
 
-    wanted, all_codes = code.strip().upper(), explanations()
-    if wanted and wanted not in all_codes:
-        guess = did_you_mean(wanted, list(all_codes)) or ";"
-        raise UsageError(
-            f"there is no error code '{code}'{guess} `dualarm explain` lists all codes"
-        )
-    chosen = {wanted: all_codes[wanted]} if wanted else all_codes
+    wanted = code.strip().upper()
+    chosen = {wanted: explain(code)} if wanted else explanations()
     if json_output:
         codes = [{"code": name} | asdict(entry) for name, entry in chosen.items()]
         print_json({"format": "dualarm.explanations/1", "codes": codes})

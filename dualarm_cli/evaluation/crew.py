@@ -19,6 +19,7 @@ from dualarm_cli.errors import DualArmError
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.model.evaluation import Evaluation, Finding, Status
 from dualarm_cli.records import dataclass
+from dualarm_cli.system import memory_file
 
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
@@ -66,8 +67,7 @@ class WorkerProcess:
         self.since = time.monotonic()
         self._rest = b""
         self.answers, theirs = os.pipe()
-        # In memory, because the disk may be full.
-        self._errors = os.memfd_create("errors")
+        self._errors = memory_file()
         self._open = True
         try:
             os.set_blocking(self.answers, False)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import signal
 import sys
 
 from dualarm_cli.evaluation.request import Request
-
-_PARENT_DEATH_SIGNAL = 1
-"""PR_SET_PDEATHSIG of Linux's prctl."""
+from dualarm_cli.system import end_with_parent
 
 
 def main(answers: int, parent: int) -> None:
@@ -24,9 +21,7 @@ def main(answers: int, parent: int) -> None:
     # Ctrl-C is left to the parent process, which ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
-    if os.getppid() != parent:
-        return
+    end_with_parent(parent)
     from dualarm_cli.evaluation.evaluate import evaluate
 
     with os.fdopen(answers, "wb") as out:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import stat
 import tempfile
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from dualarm_cli.errors import OutputError
+from dualarm_cli.system import lock
 
 _PART = ".part"
 _FRESH = 1.0
@@ -94,7 +94,7 @@ def _temporary_file(place: Path, content: Iterable[bytes]) -> Iterator[Path]:
     with os.fdopen(handle, "wb") as file:
         try:
             with contextlib.suppress(OSError):  # not every file system has locks
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock(handle)
             _fill(file, content, _mode_of(place))
             yield Path(name)
         finally:
@@ -111,7 +111,7 @@ def _remove_abandoned(place: Path) -> None:
         if path.is_symlink() or not path.is_file():
             continue  # not a temporary file of ours; opening a pipe would block
         with contextlib.suppress(OSError), path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(file.fileno())
             # A file just created may not be locked yet.
             if time.time() - os.fstat(file.fileno()).st_mtime > _FRESH:
                 path.unlink()

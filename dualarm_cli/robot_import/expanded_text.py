@@ -13,7 +13,6 @@ import ctypes
 import json
 import os
 import re
-import resource
 import subprocess
 import sys
 import tempfile
@@ -28,6 +27,7 @@ from dualarm_cli.files.source.projects import MARKERS
 from dualarm_cli.files.source.text_source import TextSource, read_text
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
+from dualarm_cli.system import IS_LINUX, limit_resources
 
 _note = NoteTable(
     "program",
@@ -68,6 +68,11 @@ def read_expanded(path: Path) -> TextSource:
         return source
     if find_spec("xacro") is None:
         raise MissingDependencyError("xacro", "xacro")
+    if not IS_LINUX:
+        message = (
+            "is a xacro file, which only Linux expands safely; give the URDF that xacro writes"
+        )
+        raise InputError([Diagnostic(str(path), 0, 0, "E400", message)])
     file = Path(os.path.realpath(path))
     folders = _readable(file)
     try:
@@ -192,13 +197,9 @@ def main(file: str, folders: Sequence[str]) -> None:
     import xacro
     import yaml  # noqa: F401
 
-    for what, bound in (
-        (resource.RLIMIT_CPU, SECONDS),
-        (resource.RLIMIT_AS, BYTES),
-        (resource.RLIMIT_FSIZE, OUTPUT),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        resource.setrlimit(what, (bound, bound))
+    limit_resources(
+        {"RLIMIT_CPU": SECONDS, "RLIMIT_AS": BYTES, "RLIMIT_FSIZE": OUTPUT, "RLIMIT_CORE": 0}
+    )
     _confine([*sys.path, sys.prefix, sys.base_prefix, *folders])
     try:
         answer = {"text": xacro.process_file(file).toxml()}

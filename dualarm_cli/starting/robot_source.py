@@ -10,15 +10,12 @@ from pathlib import Path
 from dualarm_cli.errors import UsageError, did_you_mean
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.robots.robots import load_robot
-from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots
+from dualarm_cli.files.source.bundled import CELL_FILE, ROBOT_FILE, bundled_robots
 from dualarm_cli.files.source.documents import read_document
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import read_bytes, recorded_reads
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.importing import ImportRequest, import_robot
-
-CELL_FILE = "cell.yaml"
-"""Name of the cell file in the folder of two imported robots."""
 
 
 @dataclass(frozen=True)

@@ -106,9 +106,9 @@ def test_folders_and_robot_files_are_robots_too(capsys):
     ("words", "said"),
     [
         (["yuni"], "no bundled robot 'yuni'"),
-        (["yumi", "--step", "0.1 mm"], "--step 0.1 mm: must be"),
-        (["yumi", "--step", "0"], "--step 0: must be"),
-        (["yumi", "--step", "-1"], "--step -1: must be"),
+        (["yumi", "--step", "0.1 mm"], "--step 0.0001 m: must be"),
+        (["yumi", "--step", "0"], "--step 0 m: must be"),
+        (["yumi", "--step", "-1"], "--step -1 m: must be"),
         (["yumi", "--height", "high"], "--height: 'high'"),
         (["yumi", "--tilt", "100 deg"], "--tilt 100 deg: must be between -90 and 90 deg"),
         (["yumi", "--out", "reach.gif"], "--out reach.gif: must end in"),

@@ -9,6 +9,8 @@ from pathlib import Path
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.text_source import suggest
 
+CELL_FILE = "cell.yaml"
+"""Name of the cell file in the folder of two imported robots."""
 ROBOT_FILE = "robot.yaml"
 """Name of the robot file in each robot's folder."""
 TASK_FILE = "tasks.yaml"

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.bundled import robots_folder
 from dualarm_cli.files.source.overrides import Overrides
-from dualarm_cli.files.source.text_source import TextSource, quote, read_text
+from dualarm_cli.files.source.text_source import TextSource, quote, read_text, text_source
 from dualarm_cli.records import dataclass
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ class Project:
     """SHA-256 of every file read, by its name within the project."""
     overrides: Overrides = field(default_factory=Overrides)
     """Replacements for values of the files."""
+    given: dict[Path, str] = field(default_factory=dict)
+    """Texts of files that exist in memory only, by path."""
 
     @classmethod
     def of(cls, path: Path) -> Project:
@@ -59,6 +62,27 @@ class Project:
             if any((folder / marker).exists() for marker in MARKERS):
                 return cls(folder)
         return cls(resolved.parent.parent)
+
+    @classmethod
+    def in_memory(cls, tasks: Mapping[str, Any]) -> tuple[Project, Path]:
+        """Write a job's values as texts of files in the working directory, without storing them.
+
+        Args:
+            tasks: content of a task file; `cell` may be the content of a cell file.
+
+        Returns:
+            The project, and the path of the task file in it.
+
+        Raises:
+            InputError: values that files cannot hold.
+        """
+        path = Path.cwd() / "tasks"
+        project, cell = cls.of(path), tasks.get("cell")
+        if isinstance(cell, Mapping):
+            project.given[path.with_name("cell")] = _json(cell, "cell")
+            tasks = {**tasks, "cell": "cell"}
+        project.given[path] = _json(tasks, "tasks")
+        return project, path
 
     def bundled(self) -> Project:
         """Return the bundled robots as a project that shares this record."""
@@ -84,7 +108,8 @@ class Project:
         Raises:
             InputError: it cannot be read.
         """
-        source = read_text(path, name)
+        text = self.given.get(path)
+        source = read_text(path, name) if text is None else text_source(text, name)
         self.inputs[self.name_of(path)] = source.sha256
         return source
 
@@ -111,8 +136,24 @@ class Project:
                 f"{quote(self.folder.name or '/')}; keep the file inside it, or put a dualarm.toml "
                 "into the folder that holds both"
             )
-        _existing(path, reference)
+        if path not in self.given:
+            _existing(path, reference)
         return path
+
+
+def _json(values: Mapping[str, Any], name: str) -> str:
+    """Write values as JSON, which is YAML; arrays become lists."""
+
+    def listed(value: Any) -> Any:
+        if hasattr(value, "tolist"):
+            return value.tolist()
+        raise TypeError(f"{quote(value)} is neither a number, text, list nor mapping")
+
+    try:
+        return json.dumps(values, indent=2, default=listed, ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError, RecursionError) as error:
+        message = f"cannot be read: {error}"
+        raise InputError([Diagnostic(name, 0, 0, "E200", message)]) from None
 
 
 @contextmanager

@@ -163,8 +163,22 @@ def read_text(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> TextSource:
         line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
         message = f"byte 0x{data[error.start]:02x} is not UTF-8; save the file as UTF-8"
         raise InputError([Diagnostic(name, line, column, "E101", message)]) from None
+    return text_source(text, name, hashlib.sha256(data).hexdigest())
+
+
+def text_source(text: str, name: str, sha256: str | None = None) -> TextSource:
+    """Check a text that is a file's content.
+
+    Args:
+        text: the text.
+        name: what the user calls it.
+        sha256: hash of the file's bytes; None for that of the text.
+
+    Raises:
+        InputError: it contains control characters.
+    """
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    source = TextSource(name, text, hashlib.sha256(data).hexdigest())
+    source = TextSource(name, text, sha256 or hashlib.sha256(text.encode()).hexdigest())
     bad = _FORBIDDEN.search(text)
     if bad:
         line = text.count("\n", 0, bad.start()) + 1

@@ -123,7 +123,7 @@ def from_pointer(data: Any, pointer: str, may_add: bool = False) -> Loc:
 
     Args:
         data: content of a file.
-        pointer: such as `/base/xyz/2`.
+        pointer: such as `/base/xyz/2` or `/tasks/tray-1/pick`; entries of lists by index, name or id.
         may_add: whether the last key may be missing in its mapping.
 
     Raises:
@@ -134,9 +134,13 @@ def from_pointer(data: Any, pointer: str, may_add: bool = False) -> Loc:
     for k, name in enumerate(names):
         last = k == len(names) - 1
         if isinstance(data, list):
-            if not (name.isascii() and name.isdigit() and int(name) < len(data)):
-                raise PathError(f"a list of {len(data)} has no {quote(name)}")
-            loc, data = (*loc, int(name)), data[int(name)]
+            index = int(name) if name.isascii() and name.isdigit() and int(name) < len(data) else -1
+            entries = _names(data)
+            if index < 0 and name not in entries:
+                guess = did_you_mean(name, entries)
+                raise PathError(f"a list of {len(data)} has no {quote(name)}{guess}")
+            index = index if index >= 0 else entries.index(name)
+            loc, data = (*loc, index), data[index]
         elif not isinstance(data, dict):
             raise PathError(f"{quote(data)} has no {quote(name)} in it")
         elif name in data or (may_add and last):

@@ -76,12 +76,14 @@ def check_order(document: Document, job: Job, findings: Findings) -> None:
 
 
 def load_job(
-    path: str | Path, name: str | None = None, overrides: Mapping[str, Any] | None = None
+    path: str | Path | Mapping[str, Any],
+    name: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
 ) -> Job:
     """Read the job in a task file, with its cell and robot.
 
     Args:
-        path: the task file, or the name of a bundled job.
+        path: the task file, the name of a bundled job, or the content of a task file.
         name: its name in messages; None for its path.
         overrides: replacements for values of the files, applied before validation; see
             `files.source.overrides`.
@@ -89,8 +91,12 @@ def load_job(
     Raises:
         InputError: everything wrong with it and the files that it names.
     """
-    path, called = task_file(path)
-    project, name = Project.of(path), name or called
+    if isinstance(path, Mapping):
+        project, path = Project.in_memory(path)
+        name = path.name
+    else:
+        path, called = task_file(path)
+        project, name = Project.of(path), name or called
     project.overrides = Overrides(overrides)
     document = read_document(project, path, name, "tasks/1")
     findings = Findings(document.diagnostics)

@@ -171,13 +171,16 @@ class Plan(ShownInNotebooks):
         return page_html({**shown, "report": self.report})
 
 
-def load(tasks: str | Path, changes: Mapping[str, Any] | None = None) -> Job:
+def load(tasks: str | Path | Mapping[str, Any], changes: Mapping[str, Any] | None = None) -> Job:
     """Read the job of a task file, with its cell and robot.
 
     Args:
-        tasks: the task file, or the name of a bundled job such as `04_packing`.
+        tasks: the task file, the name of a bundled job such as `04_packing`, or the content of a task file as a
+            mapping. In a mapping `cell` may be the content of a cell file, and paths are relative to the working
+            directory.
         changes: values that replace those in the files, in the files' notation, by the file's role and a JSON
-            pointer, such as `tasks:/tasks/0/pick/xyz`, `cell:/clearance` or `robot:/limits/torso_b1/velocity`.
+            pointer, such as `tasks:/tasks/tray-1/pick/xyz`, `cell:/clearance` or `robot:/limits/torso_b1/velocity`.
+            Entries of lists are named by id, name or index.
 
     Raises:
         InputError: all faults of the files, with file, line and column (`diagnostics`).
@@ -221,6 +224,25 @@ def plan(
         UnsupportedError: method or solver that does not support this robot.
         UsageError: any other value that is not allowed.
     """
+    settings = plan_settings(platform, redundancy, timing, blend, effort, seed, time_limit)
+    return planned(job, settings, Watch(progress or (lambda _: None), time_limit))
+
+
+def plan_settings(
+    platform: str | None = None,
+    redundancy: str | None = None,
+    timing: str = "ruckig",
+    blend: str = "lines",
+    effort: str = "normal",
+    seed: int = 0,
+    time_limit: float | None = None,
+) -> PlanSettings:
+    """Build the settings of a plan from the options of `plan`.
+
+    Raises:
+        UnknownSolverError: unknown redundancy solver.
+        UsageError: any other value that is not allowed.
+    """
     for name, value, allowed in (
         ("blend", blend, BLENDINGS.names),
         ("effort", effort, ("quick", "normal", "thorough")),
@@ -232,8 +254,7 @@ def plan(
     settings = PlanSettings(
         timing=timing, blend=blend, effort=effort, seed=seed, time_limit=time_limit
     )
-    settings = with_redundancy(settings.naming(platform=platform), redundancy)
-    return planned(job, settings, Watch(progress or (lambda _: None), time_limit))
+    return with_redundancy(settings.naming(platform=platform), redundancy)
 
 
 def planned(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Plan:

@@ -1,0 +1,104 @@
+"""Plans of many jobs in parallel processes, for studies in Python."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
+from typing import TypedDict, Unpack
+
+from dualarm_cli.background import usable_cores
+from dualarm_cli.errors import DualArmError, InfeasibleError, UsageError
+from dualarm_cli.interface import Plan, Progress, plan_settings, planned
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.system import IS_LINUX, end_with_parent
+
+
+class PlanOptions(TypedDict, total=False):
+    """Options of `plan`."""
+
+    platform: str | None
+    redundancy: str | None
+    timing: str
+    blend: str
+    effort: str
+    seed: int
+    time_limit: float | None
+
+
+def plan_many(
+    jobs: Iterable[Job],
+    *,
+    processes: int | None = None,
+    progress: Progress | None = None,
+    **options: Unpack[PlanOptions],
+) -> list[Plan | InfeasibleError]:
+    """Plan jobs in parallel processes; each plan is that of `plan`, for any number of processes.
+
+    An interrupt ends after the jobs that are being planned.
+
+    Args:
+        jobs: jobs in any number.
+        processes: maximum number of processes; None for one per core.
+        progress: callback, called with a text after each job.
+        options: options of `plan`.
+
+    Returns:
+        The plan of each job in order, or the error where a job has none.
+
+    Raises:
+        UsageError: a value that is not allowed.
+        DualArmError: a process ended early, as by lack of memory.
+    """
+    if processes is not None and processes < 1:
+        raise UsageError(f"processes {processes}: must be at least 1")
+    settings, queued = plan_settings(**options), list(jobs)
+    count = min(processes or usable_cores(), len(queued))
+    plans: dict[int, Plan | InfeasibleError] = {}
+    work = partial(_plan, settings=settings)
+
+    def keep(index: int, result: Plan | InfeasibleError) -> None:
+        plans[index] = result
+        if progress is not None:
+            times = [plan.cycle_time for plan in plans.values() if isinstance(plan, Plan)]
+            best = f", best cycle time {min(times):.3f} s" if times else ""
+            progress(f"{len(plans)} of {len(queued)} jobs{best}")
+
+    if count <= 1:
+        for index, job in enumerate(queued):
+            keep(index, work(job))
+    else:
+        # A forked process needs no `if __name__ == "__main__"` in the caller's script.
+        context = multiprocessing.get_context("fork" if IS_LINUX else None)
+        start = (os.getpid(),)
+        with ProcessPoolExecutor(count, context, _begin, start) as pool:
+            try:
+                places = {pool.submit(work, job): index for index, job in enumerate(queued)}
+                for done in as_completed(places):
+                    keep(places[done], done.result())
+            except BrokenProcessPool:
+                message = "a planning process ended early, perhaps for lack of memory; use fewer"
+                raise DualArmError(f"plan_many: {message} processes") from None
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    return [plans[index] for index in range(len(queued))]
+
+
+def _begin(parent: int) -> None:
+    """Prepare a planning process, which its parent's interrupt does not end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent(parent)
+
+
+def _plan(job: Job, settings: PlanSettings) -> Plan | InfeasibleError:
+    """Plan a job, or return the reasons why it has no plan."""
+    try:
+        return planned(job, settings)
+    except InfeasibleError as error:
+        return error

@@ -1,0 +1,146 @@
+"""Reach over a table and postures that reach a pose, as functions of Python."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.errors import UsageError
+from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.source.bundled import CELL_FILE, ROBOT_FILE, bundled_robots
+from dualarm_cli.files.source.documents import read_document
+from dualarm_cli.files.source.projects import Project
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import Job
+from dualarm_cli.notes import Note, NoteTable
+from dualarm_cli.reachability.proposed_tool import with_tools
+from dualarm_cli.reachability.reach_map import reach_map
+from dualarm_cli.reachability.region import best_height, platform_positions, region
+from dualarm_cli.report.reach import reach_document
+from dualarm_cli.robot_import.contacts import bare_cell
+
+_note = NoteTable(
+    "tools",
+    assumed="tools are assumed, no cell file names them: {tools:*; }",
+    tool="{arm}: along {axis} of the flange, {mm:.3g} mm long",
+)
+MOST_NODES = 400_000
+"""Maximum number of points over all platform angles."""
+MAX_TILT = 90.0
+"""Largest tilt [deg]."""
+
+
+def reach(
+    robot: str | Path | Job | Cell,
+    *,
+    height: float | None = None,
+    tilt: float = 0.0,
+    step: float | None = None,
+) -> dict[str, Any]:
+    """Compute the reachable part of a table, as `dualarm robot reach --json`.
+
+    The document has the areas that each arm and both arms reach, by platform position.
+
+    Args:
+        robot: a job, a bundled robot's name, a robot's folder, a robot file or a cell file.
+        height: height of the tool centre point [m]; None for that of the cell's frames, else where most is reached.
+        tilt: tilt of the tool from straight down, its tip outwards [rad].
+        step: spacing of the points [m]; None for one by the robot's size.
+
+    Raises:
+        InputError: the file cannot be read.
+        UsageError: a tilt or spacing that is not allowed.
+    """
+    cell = robot.cell if isinstance(robot, Job) else robot
+    cell = cell if isinstance(cell, Cell) else reach_cell(str(cell))[0]
+    if not abs(tilt) <= math.radians(MAX_TILT):
+        raise UsageError(
+            f"tilt {math.degrees(tilt):g} deg: must be between -{MAX_TILT:g} and {MAX_TILT:g} deg"
+        )
+    here = region(cell)
+    platform = platform_positions(cell)
+    spacing = here.step if step is None else step
+    width = 2.0 * (here.radius + here.travel)
+    points = len(platform) * float(np.square(width / spacing)) if spacing > 0.0 else math.inf
+    if not points <= MOST_NODES:
+        least = math.ceil(width * math.sqrt(len(platform) / MOST_NODES) * 1000.0)
+        raise UsageError(f"step {spacing:g} m: must be {least} mm or more for this robot")
+    if height is None and cell.frames:
+        height = float(np.median([pose.translation[2] for pose in cell.frames.values()]))
+    if height is None:
+        height = best_height(cell, here)
+    if height is None:
+        height = here.easy[1]
+    grid = here.grid(platform, np.array([height]), spacing, tilt, whole=True)
+    name = robot if isinstance(robot, str | Path) else cell.robot.name
+    return reach_document(str(name), cell, reach_map(cell, grid))
+
+
+def reach_cell(robot: str) -> tuple[Cell, list[Note]]:
+    """Load the cell of a robot or cell file, with notes on assumed tools.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    path = Path(robot)
+    if path.is_dir() and robot not in bundled_robots():
+        path = path / (CELL_FILE if (path / CELL_FILE).is_file() else ROBOT_FILE)
+    if robot in bundled_robots() or not path.is_file():
+        cell = bare_cell(load_robot(robot).robot)
+    elif read_document(Project.of(path), path, str(path)).data["dualarm"] == "cell/1":
+        cell = load_cell(path).cell
+    else:
+        cell = bare_cell(load_robot(path).robot)
+    if any(tool.shapes or not tool.tcp.isIdentity() for tool in cell.tools.values()):
+        return cell, []
+    cell, tools = with_tools(cell)
+    assumed = [
+        _note("tool", arm=arm, axis=tool.axis, mm=(tool.start + tool.length) * 1e3)
+        for arm, tool in tools.items()
+    ]
+    return cell, [_note("assumed", tools=assumed)]
+
+
+def inverse_kinematics(
+    job: Job | Cell, arm: str, pose: pin.SE3, platform: FloatArray | float | None = None
+) -> FloatArray:
+    """Solve for postures of an arm whose tool centre point is at a pose.
+
+    Postures are within joint limits; collisions are not checked. An arm of seven joints has postures at many arm
+    angles, an arm without closed forms those that a search from fixed starts finds.
+
+    Args:
+        job: a job or cell.
+        arm: name of the arm.
+        pose: pose of the tool centre point in the world.
+        platform: positions of the platform's joints [rad or m]; None for those of the start posture, or home.
+
+    Returns:
+        Positions of the arm's joints, base to flange [rad], shape (k, n); k is 0 if none was found.
+
+    Raises:
+        UsageError: unknown arm, or another number of platform joints.
+    """
+    cell = job.cell if isinstance(job, Job) else job
+    model = CellModel.from_cell(cell)
+    if arm not in model.arms:
+        raise UsageError(f"arm {arm!r}: {cell.robot.name} has {', '.join(model.arms)}")
+    if platform is None:
+        start = job.start_joints if isinstance(job, Job) else cell.robot.postures["home"]
+        platform = start[model.platform_columns]
+    position = np.atleast_1d(np.asarray(platform, dtype=np.float64))
+    if position.shape != (len(model.platform_columns),):
+        count = len(model.platform_columns)
+        raise UsageError(f"platform of shape {position.shape}: must have {count} positions")
+    parts = model.arms[arm]
+    R, p = model.platform.pose(position)
+    flange = pin.SE3(R, p).inverse() * pose * parts.T_flange_tcp.inverse()
+    reached = parts.kinematics.postures(flange.rotation[None], flange.translation[None])
+    return reached.q

@@ -1,0 +1,187 @@
+"""Functions of the Python interface beside planning: jobs without files, many plans, reach, postures, exports."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from dualarm_cli import (
+    InfeasibleError,
+    InputError,
+    OutputError,
+    Plan,
+    UsageError,
+    explain,
+    export,
+    inverse_kinematics,
+    load,
+    plan,
+    plan_many,
+    reach,
+)
+from dualarm_cli.cli.run import command_line
+from dualarm_cli.errors import BlockedError, UnknownSolverError
+from dualarm_cli.exporting.schedule_json import to_json
+from dualarm_cli.refusals import Refusal
+
+TASKS = Path(__file__).parents[1] / "tasks" / "01_first_pick"
+X = "tasks:/tasks/left part/pick/xyz/0"
+
+
+def values() -> dict:
+    """Content of a bundled task file that holds its cell."""
+    tasks, cell = (
+        yaml.safe_load((TASKS / name).read_text()) for name in ("tasks.yaml", "cell.yaml")
+    )
+    return tasks | {"cell": cell}
+
+
+@pytest.fixture(scope="module")
+def found() -> Plan:
+    """A small job's plan."""
+    return plan(load("01_first_pick"), effort="quick")
+
+
+def test_a_job_of_values_is_that_of_files(found: Plan) -> None:
+    """The same motion; arrays and tuples are lists, and the files of a job of values are its texts."""
+    given = values()
+    for task in given["tasks"]:
+        task["pick"]["xyz"] = np.array(task["pick"]["xyz"])
+        task["place"]["xyz"] = tuple(task["place"]["xyz"])
+    job = load(given)
+    assert [*job.inputs][:2] == ["tasks", "cell"]
+    motion = plan(job, effort="quick").schedule.motion
+    for name, group in found.schedule.motion.groups.items():
+        assert np.array_equal(group.acceleration, motion.groups[name].acceleration)
+    changed = load(given, {"tasks:/speed": "50%", "cell:/clearance": "3 mm"})
+    assert (changed.speed, changed.cell.clearance) == (0.5, 0.003)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (
+            {"speed": {1}},
+            r"tasks: E200 cannot be read: \{1\} is neither a number, text, list nor mapping",
+        ),
+        ({"speed": float("nan")}, "tasks: E200 cannot be read: .*nan"),
+        ({"sped": 1}, "tasks:.*'sped', did you mean 'speed'"),
+        ({"cell": {"dualarm": "cell/1"}}, "cell:1:1: E202 'robot' is missing"),
+        ({"cell": "no.yaml"}, "there is no file 'no.yaml' here"),
+    ],
+)
+def test_values_are_checked_like_files(wrong: dict, message: str) -> None:
+    """With the role of the mapping as the file's name."""
+    with pytest.raises(InputError, match=message):
+        load(values() | wrong)
+
+
+def test_changes_name_tasks_by_their_id() -> None:
+    """An inserted task changes no meaning; an index is accepted, and a wrong id gets the nearest."""
+    first, second = (
+        load("01_first_pick", {name: 0.47}) for name in (X, X.replace("left part", "0"))
+    )
+    assert [job.tasks[0].stops[0].target.pose.translation[0] for job in (first, second)] == [
+        0.47
+    ] * 2
+    given = values()
+    given["tasks"].reverse()
+    moved = load(given, {X: 0.47}).tasks
+    assert {task.id: task.stops[0].target.pose.translation[0] for task in moved} == {
+        "left part": 0.47,
+        "right part": 0.45,
+    }
+    with pytest.raises(
+        InputError, match=r"a list of 2 has no 'lft part', did you mean 'left part'\?"
+    ):
+        load("01_first_pick", {X.replace("left", "lft"): 0.47})
+
+
+def test_many_plans_are_the_same_on_any_number_of_processes(found: Plan) -> None:
+    """In the order of the jobs, byte for byte, with a job that has no plan among them."""
+    jobs = [load("01_first_pick", {X: x}) for x in (0.45, 2.0, 0.47)]
+    said: list[str] = []
+    alone = plan_many(jobs, processes=1, effort="quick", progress=said.append)
+    assert [text[:6] for text in said] == ["1 of 3", "2 of 3", "3 of 3"]
+    assert said[0].endswith(f"best cycle time {found.cycle_time:.3f} s")
+    shared = plan_many(jobs, processes=2, effort="quick")
+    for one, two in zip(alone, shared, strict=True):
+        if isinstance(one, Plan) and isinstance(two, Plan):
+            first, second = (b"".join(to_json(p.schedule, "", {})) for p in (one, two))
+            assert first == second
+        else:
+            assert isinstance(one, InfeasibleError) and str(one) == str(two)
+    assert [isinstance(one, Plan) for one in alone] == [True, False, True]
+    assert plan_many([]) == []
+    for wrong in ({"processes": 0}, {"effort": "much"}):
+        with pytest.raises(UsageError):
+            plan_many(jobs, **wrong)
+
+
+def test_errors_keep_their_data_between_processes() -> None:
+    """Also those whose constructors take other arguments than the text."""
+    where = Refusal("at_platform_angle", more={"degrees": 30.0})
+    refusal = Refusal("beyond_reach", measured=0.1, more={"point": "the target", "where": where})
+    for error in (
+        BlockedError(refusal, stages=(2,)),
+        UnknownSolverError("--timing", "x", ["ruckig"]),
+    ):
+        again = pickle.loads(pickle.dumps(error))
+        assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
+
+
+def test_postures_reach_their_pose(found: Plan) -> None:
+    """By pinocchio on the URDF, with the platform turned; one of them is near that of the plan."""
+    job, robot = found.job, found.job.cell.robot
+    event, angle = found.schedule.events[0], 0.3
+    model = pin.buildModelFromXML(robot.urdf)
+    data, q = model.createData(), np.zeros(model.nq)
+    assert tuple(model.names[1:]) == robot.joints
+    for platform in (angle, None):
+        postures = inverse_kinematics(job, event.arm, event.pose, platform)
+        assert len(postures) and postures.shape[1] == 7
+        q[robot.columns(robot.platform)] = job.start_joints[0] if platform is None else platform
+        for posture in postures[:: len(postures) // 5]:
+            q[robot.columns(robot.arm(event.arm).joints)] = posture
+            pin.framesForwardKinematics(model, data, q)
+            flange = data.oMf[model.getFrameId(robot.arm(event.arm).flange, pin.FrameType.BODY)]
+            tool = job.cell.base * flange * job.cell.tools[event.arm].tcp
+            assert np.abs(tool.homogeneous - event.pose.homogeneous).max() < 1e-9
+    far = pin.SE3(np.eye(3), np.array([5.0, 0.0, 0.0]))
+    assert inverse_kinematics(job.cell, "left", far).shape == (0, 7)
+    with pytest.raises(UsageError, match="has left, right"):
+        inverse_kinematics(job, "middle", far)
+    with pytest.raises(UsageError, match="must have 1 positions"):
+        inverse_kinematics(job, "left", far, np.zeros(2))
+
+
+def test_functions_are_those_of_the_commands(tmp_path: Path, found: Plan) -> None:
+    """The reach's document, the export's files and document, an explanation's title."""
+    run = CliRunner().invoke
+    printed = run(
+        command_line(), ["robot", "reach", "iiwa7", "--height", "0.2", "--step", "0.2", "--json"]
+    )
+    assert reach("iiwa7", height=0.2, step=0.2) == json.loads(printed.stdout)
+    found.write(tmp_path / "plan", page=False)
+    arguments = ["export", str(tmp_path / "plan"), "--to", "ros2", "--rate", "50", "--quiet"]
+    assert run(command_line(), [*arguments, "--out", str(tmp_path / "a")]).exit_code == 0
+    made = export(found, "ros2", rate=50.0)
+    folder = made.write(tmp_path / "b")
+    assert made.verification.passed and made.loss is not None
+    assert {path.name for path in folder.iterdir()} == {*made.files, "export.json"}
+    for path in folder.iterdir():
+        assert path.read_bytes() == (tmp_path / "a" / path.name).read_bytes()
+    with pytest.raises(OutputError, match=r"already holds .*force=True"):
+        export(found, "ros2").write(folder)
+    with pytest.raises(UsageError, match="no format 'nps', did you mean 'npz'"):
+        export(found, "nps")
+    with pytest.raises(UsageError, match="name the task file"):
+        export(found.schedule, "gltf")
+    assert explain("e610").title in run(command_line(), ["explain", "E610"]).stdout
