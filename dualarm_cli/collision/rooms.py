@@ -62,7 +62,7 @@ def rooms_of(job: Job, *, moving: bool = False) -> tuple[PartRoom, ...]:
         moving: whether to list those on conveyors, where the job meets them, or those that stand still.
     """
     rooms = []
-    for task, stop in (*((t, s) for t in job.tasks for s in t.stops), *job.beside):
+    for task, stop in (*((t, s) for t in job.tasks for s in t.stops), *job.lying):
         shapes = held_part(job.cell, task)
         if not shapes or stop.action not in ("pick", "place") or stop.moves is not moving:
             continue

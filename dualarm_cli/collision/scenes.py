@@ -136,8 +136,8 @@ def _spans(
             start = min(start, put) if lying.fed else put
         end = AFTER_ALL if lying.until is None else 2 * number[lying.until]
         spans[r] = _Span(start, end, lying)
-    beside = [(task.id, stop.action) for task, stop in job.beside]
-    fixed = frozenset(room_of[key] for key in beside if key in room_of)
+    lying_keys = [(task.id, stop.action) for task, stop in job.lying]
+    fixed = frozenset(room_of[key] for key in lying_keys if key in room_of)
     return spans, fixed
 
 

@@ -12,7 +12,7 @@ from dualarm_cli.errors import Diagnostic
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job, PoseTarget, Task
-from dualarm_cli.model.lying import lying_beside
+from dualarm_cli.model.lying import lying_throughout
 from dualarm_cli.model.schedule import DURATION
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
@@ -85,8 +85,8 @@ class SectionTools:
         """Restrict the problem to some tasks and a start, None for any start."""
         job = self.problem.job
         posture = "free" if start is None else SECTION_START
-        lying = lying_beside(job, self.done, tasks)
-        job = replace(job, tasks=tasks, start=posture, begin=start, returns=False, beside=lying)
+        lying = lying_throughout(job, self.done, tasks)
+        job = replace(job, tasks=tasks, start=posture, begin=start, returns=False, lying=lying)
         return replace(self.problem, job=job)
 
 
@@ -100,8 +100,8 @@ class KindPlanning:
     """Estimate of the job for the search of orders and stages."""
     decided: Callable[[Job], Job] = lambda job: job
     """Completion of a job whose order is decided, or InfeasibleError."""
-    together: Note | None = None
-    """Note for `mode: free` where both arms still start each stage together."""
+    synchronous: Note | None = None
+    """Note for `mode: free` if both arms still start each stage together."""
     quickest: Callable[..., ClearedPlan] | None = None
     """Planner of collision-free stages that replaces `quickest_clear`, with the same parameters."""
     solvers: Registry[Any] | None = None

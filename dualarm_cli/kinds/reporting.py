@@ -25,7 +25,7 @@ Measure = Callable[[Schedule, Job], Any]
 class KindMeasures:
     """Interface of one kind of work to reports and comparisons."""
 
-    beside: Literal["work", "arms", "waits"]
+    report_section: Literal["work", "arms", "waits"]
     """Section of the report after which its lines are printed."""
     rows: Mapping[str, Measure]
     """Measures of the report, by key; empty for jobs without such work."""

@@ -319,7 +319,7 @@ class Job(ShownInNotebooks):
     """Required cycle time, clearance and skew, or None."""
     skew: float = 0.0
     """Delay of either arm that every plan must tolerate [s]."""
-    beside: tuple[tuple[Task, Stop], ...] = ()
+    lying: tuple[tuple[Task, Stop], ...] = ()
     """Stops of parts that lie in the cell throughout a part of a job."""
     begin: FloatArray | None = field(default=None, compare=False)
     """Start configuration for part of a job [rad or m], shape (n,).

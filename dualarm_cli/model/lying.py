@@ -126,7 +126,7 @@ def _spots(visits: Sequence[Visit]) -> list[list[Visit]]:
     return spots
 
 
-def lying_beside(job: Job, done: Sequence[Task], now: Sequence[Task]) -> tuple[Visit, ...]:
+def lying_throughout(job: Job, done: Sequence[Task], now: Sequence[Task]) -> tuple[Visit, ...]:
     """List the stops of parts that lie throughout the given tasks.
 
     Args:

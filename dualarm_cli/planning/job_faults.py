@@ -22,7 +22,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.posture_source import PROVEN_MISS
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
-from dualarm_cli.model.lying import lying_beside
+from dualarm_cli.model.lying import lying_throughout
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.orders.model.tool_changes import with_changes
 from dualarm_cli.planning.room_rules import RoomRules
@@ -81,8 +81,8 @@ def job_faults(
     faults = _Faults(model, job, clear)
     refusals += [*faults.of_tasks(), *faults.of_sections()]
     if clear:
-        waiting = lying_beside(job, (), ())
-        empty = replace(job, tasks=(), pairing=None, beside=waiting)
+        waiting = lying_throughout(job, (), ())
+        empty = replace(job, tasks=(), pairing=None, lying=waiting)
         refusals += start_faults(job, Holding.of(empty))
         refusals += grip_faults(job)
     unique: dict[object, Refusal] = {}

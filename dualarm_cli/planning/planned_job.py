@@ -65,7 +65,7 @@ class PlannedJob:
         """Planning route: by sections, in synchronous stages, or asynchronously."""
         if self.job.in_sections:
             return "sections"
-        is_paired = self.job.mode == "paired" or any(kind.together for kind in self.kinds)
+        is_paired = self.job.mode == "paired" or any(kind.synchronous for kind in self.kinds)
         return "paired" if is_paired else "own clocks"
 
     @cached_property

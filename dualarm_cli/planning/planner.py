@@ -102,8 +102,8 @@ def _planned(work: PlannedJob, watch: Watch) -> Schedule:
     for kind in work.kinds:
         if kind.add is None:
             notes += kind.notes(work.job, work.settings, schedule.trajectory)
-        if work.job.mode == "free" and kind.together and not work.job.in_sections:
-            notes.append(kind.together)
+        if work.job.mode == "free" and kind.synchronous and not work.job.in_sections:
+            notes.append(kind.synchronous)
     if watch.stopped:
         notes.append(order_note("ended_early", why=watch.stopped))
     schedule = replace(schedule, notes=(*schedule.notes, *notes))

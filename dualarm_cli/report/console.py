@@ -211,9 +211,9 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     return [*lines, *result_lines(report)]
 
 
-def _kind_lines(beside: str, report: dict[str, Any]) -> list[str]:
-    """Collect the lines of the kinds of work that belong next to one item."""
-    kinds = [kind for kind in of_kinds("measures") if kind.beside == beside]
+def _kind_lines(section: str, report: dict[str, Any]) -> list[str]:
+    """Collect the lines of the kinds of work in a section of the report."""
+    kinds = [kind for kind in of_kinds("measures") if kind.report_section == section]
     return [line for kind in kinds for line in kind.lines(report)]
 
 

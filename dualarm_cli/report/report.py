@@ -92,9 +92,9 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
     }
 
 
-def _kind_rows(beside: str, schedule: Schedule, job: Job) -> dict[str, Any]:
-    """Collect the measures of the kinds of work that belong next to one item."""
-    kinds = [kind for kind in of_kinds("measures") if kind.beside == beside]
+def _kind_rows(section: str, schedule: Schedule, job: Job) -> dict[str, Any]:
+    """Collect the measures of the kinds of work in a section of the report."""
+    kinds = [kind for kind in of_kinds("measures") if kind.report_section == section]
     return {key: rows(schedule, job) for kind in kinds for key, rows in kind.rows.items()}
 
 

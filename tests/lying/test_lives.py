@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dualarm_cli.model.lying import lying_beside, lying_parts
+from dualarm_cli.model.lying import lying_parts, lying_throughout
 
 A, B, C = (0.45, 0.15, 0.105), (0.45, 0.45, 0.105), (0.60, 0.45, 0.105)
 
@@ -115,5 +115,5 @@ def test_beside_a_section_lies_what_was_placed_before_and_what_is_picked_later(j
         task("one", A, B), task("two", C, far), task("three", (0.6, 0.2, 0.105), (0.7, 0.3, 0.105))
     )
     one, two, _ = job.tasks
-    found = [(task.id, stop.action) for task, stop in lying_beside(job, [one], [two])]
+    found = [(task.id, stop.action) for task, stop in lying_throughout(job, [one], [two])]
     assert sorted(found) == [("one", "place"), ("three", "pick")]

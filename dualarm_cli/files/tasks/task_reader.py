@@ -63,7 +63,7 @@ class KindReading:
     """Key of its tasks; empty if it only extends others."""
     plural: str = ""
     """Name of such tasks in messages."""
-    beside: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
     """Core keys that its tasks require."""
     task_keys: type[TaskHead] = TaskHead
     """Section with the additional keys of a task."""
@@ -165,18 +165,18 @@ def _one_kind_of(kinds: Sequence[KindReading]) -> Callable[[TaskSection], TaskSe
     A task needs an arm, unless its kind names the arms.
     """
     keyed = [kind for kind in kinds if kind.key]
-    beside = {"pick": ("place",), "place": ("pick",), **{kind.key: kind.beside for kind in keyed}}
+    core = {"pick": ("place",), "place": ("pick",), **{kind.key: kind.needs for kind in keyed}}
     arms_named = {kind.key for kind in of_kinds("reading", "any")}
 
     def check_one_kind(section: TaskSection) -> TaskSection:
         keys = (*ACTIONS, *(kind.key for kind in keyed))
         given = [key for key in keys if getattr(section, key) is not None]
         if not given:
-            alone = [kind.key for kind in keyed if not kind.beside]
+            alone = [kind.key for kind in keyed if not kind.needs]
             others = ", ".join(["pick and place", "move", *alone[:-1]])
             raise refuse(f"nothing to do; give {others}, or {alone[-1]}")
-        first = next((kind.key for kind in keyed if kind.beside and kind.key in given), given[0])
-        more = [key for key in given if key not in (first, *beside.get(first, ()))]
+        first = next((kind.key for kind in keyed if kind.needs and kind.key in given), given[0])
+        more = [key for key in given if key not in (first, *core.get(first, ()))]
         if more:
             raise refuse(f"'{more[0]}' does not go with '{first}'; make two tasks", more[0])
         if section.arm is None and not arms_named.intersection(given):

@@ -275,7 +275,7 @@ def _largest_shift(job: Job, times: Times) -> float:
 PLANNING = KindPlanning(
     works=lambda task: any(stop.moves for stop in task.stops),
     guessed=guessed,
-    together=FREE,
+    synchronous=FREE,
     quickest=quickest_meeting,
     notes=lambda job, settings, motion: conveyor_notes(job, motion.duration),
     unbounded=NO_CONVEYOR_BOUND,

@@ -10,4 +10,4 @@ HANDED_TOGETHER = Note(
 )
 """Note on asynchronous arms that have to meet."""
 
-PLANNING = KindPlanning(works=lambda task: task.handover is not None, together=HANDED_TOGETHER)
+PLANNING = KindPlanning(works=lambda task: task.handover is not None, synchronous=HANDED_TOGETHER)

@@ -151,7 +151,7 @@ def with_taken_parts(document: Document, model: TasksFile, job: Job) -> Job:
 READING = KindReading(
     key="handover",
     plural="hand-overs",
-    beside=("pick", "place"),
+    needs=("pick", "place"),
     task_keys=HandoverTask,
     shares=handed,
     job=with_taken_parts,

@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, Task
-from dualarm_cli.model.lying import lying_beside
+from dualarm_cli.model.lying import lying_throughout
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.orders.asynchronous.epochs import (
     EpochOrder,
@@ -102,8 +102,8 @@ def plan_epochs(planner: FreePlanner, plan: FreeEpochs) -> Motion:
         epoch_job = own_rules(
             replace(job, tasks=_later(tasks, record.clock), returns=False, sequences=())
         )
-        beside = lying_beside(job, done, tasks)
-        epoch_job = with_levels_after(replace(epoch_job, cell=cell, beside=beside), done)
+        lying = lying_throughout(job, done, tasks)
+        epoch_job = with_levels_after(replace(epoch_job, cell=cell, lying=lying), done)
         done += tasks
         if here is not None:
             epoch_job = replace(epoch_job, begin=here, start=HERE)

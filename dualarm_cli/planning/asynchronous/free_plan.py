@@ -24,7 +24,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.joint_motion import SAME_TIME
-from dualarm_cli.model.lying import Visit, lying_beside, lying_parts
+from dualarm_cli.model.lying import Visit, lying_parts, lying_throughout
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
@@ -155,8 +155,8 @@ class FreePlanner:
             clock = OwnClock(name, still, (), (), ())
             return ArmPlan(clock, replace(self.problem, blending=STOPPING), None)
         free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
-        beside = (*job.beside, *others_parts(job, name)) if self.clear else ()
-        alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired", beside=beside)
+        lying = (*job.lying, *others_parts(job, name)) if self.clear else ()
+        alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired", lying=lying)
         problem = replace(self.problem, model=model, job=alone)
         motion, plan = self._still(model, work), None
         if tasks:
@@ -213,9 +213,9 @@ class FreePlanner:
         if np.array_equal(here, there):
             return motion
         cell = cell_after(problem.job.cell, problem.job.tasks)
-        placed = lying_beside(problem.job, problem.job.tasks, ())
-        beside = (*problem.job.beside, *placed)
-        alone = replace(problem.job, cell=cell, begin=here, tasks=(), returns=False, beside=beside)
+        placed = lying_throughout(problem.job, problem.job.tasks, ())
+        lying = (*problem.job.lying, *placed)
+        alone = replace(problem.job, cell=cell, begin=here, tasks=(), returns=False, lying=lying)
         law = alone.limits.law
         back = StagePlan(here, there, there, {}, "return", float(law.duration(there - here)))
         transfer = quickest_clear(

@@ -330,7 +330,7 @@ def _targets(
     elif work.spare:
         wanted = most // max(1, len(pose)) - 1
         sideways = np.array(problem.settings.general_sideways[: max(0, wanted)])
-        pose, q = _beside(general, R, p, pose, q, sideways)
+        pose, q = _along_self_motion(general, R, p, pose, q, sideways)
     q = general.nearest_turns(q, work.kinematics.middle)
     order = np.argsort(pose, kind="stable")
     if len(order) > most:
@@ -339,7 +339,7 @@ def _targets(
     return index[pose], _rows(work, np.zeros(len(pose), dtype=np.int64), yaw[pose], q)
 
 
-def _beside(
+def _along_self_motion(
     general: GeneralArm,
     R: FloatArray,
     p: FloatArray,
@@ -350,8 +350,8 @@ def _beside(
     """Extend postures (k, joints) by offsets (s,) along their self-motion [rad]."""
     each = np.repeat(np.arange(len(pose)), len(along))
     of = pose[each]
-    beside, met = moved_along(general, q[each], R[of], p[of], np.tile(along, len(pose)))
-    return np.concatenate([pose, of[met]]), np.concatenate([q, beside[met]])
+    moved, met = moved_along(general, q[each], R[of], p[of], np.tile(along, len(pose)))
+    return np.concatenate([pose, of[met]]), np.concatenate([q, moved[met]])
 
 
 def _yaws(stop: StopTarget, count: int) -> FloatArray:

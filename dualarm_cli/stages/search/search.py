@@ -155,8 +155,8 @@ def polished_thoroughly(
         return candidates[0]
     moving = [with_best_launches(problem, plan) for plan in candidates]
     k = min(range(len(moving)), key=lambda k: _objective(*moving[k]))
-    beside = [plan.decisions for plan in candidates[:k] + candidates[k + 1 :]]
-    best = best_combination(moving[k][0], moving[k][1], beside)
+    decisions = [plan.decisions for plan in candidates[:k] + candidates[k + 1 :]]
+    best = best_combination(moving[k][0], moving[k][1], decisions)
     # Its best launches are known, so the first cycle is skipped.
     return polished(range(1, how.cycles), [evaluate(at_rest.problem, best.decisions)])[0]
 
@@ -287,7 +287,7 @@ def search_near(
 
     # If no plan nearby is clear, search the whole range with more neighbours.
     for mesh, more in ((how.near, 0), (how.meshes[0], problem.settings.further_neighbours)):
-        loose = _beside(loose, more)
+        loose = _extended(loose, more)
         stretches = loose_stretches(problem, plan, loose)
         decisions = plan.decisions
         parts = map_halves(partial(decided, decisions, mesh), stretches)
@@ -398,10 +398,10 @@ def _loose(problem: SequenceProblem, plan: Evaluated, colliding_stages: Sequence
     moves = ~clear.moves | (clear.waits > 0.0)
     moves[list(colliding_stages)] = True
     touched = ~clear.stops | moves[:n] | moves[1:]
-    return _beside(touched, problem.settings.neighbours)
+    return _extended(touched, problem.settings.neighbours)
 
 
-def _beside(stages: BoolArray, count: int) -> BoolArray:
+def _extended(stages: BoolArray, count: int) -> BoolArray:
     """Extend flagged stages by neighbours on both sides, shape (n,)."""
     extended, n = stages.copy(), len(stages)
     for k in range(1, min(count, n - 1) + 1):
