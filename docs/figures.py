@@ -1,0 +1,311 @@
+"""Makes every number and every picture of the docs in one run.
+
+    PYTHONPATH=. python docs/figures.py [STEP ...]
+
+Without a step all are done, in this order:
+
+- `table`: the plans of `PLANS` are made. Their numbers are written to `docs/figures.json`.
+- `drawings`: the commands of `DRAWINGS` draw the figures in `docs`.
+- `screens`: Chromium takes a picture of the page of each plan, into `docs/pictures`.
+- `pages`: the table's numbers are written into the pages, wherever a comment names one.
+- `outputs`: the commands of all pages run, and the outputs below them get their numbers. This takes long.
+- `check`: all of `PLANS` are made, and the table is compared with them. Nothing is written; not part of a whole run.
+
+A number of a page that is not in an output has its source behind it: `31.542 s<!-- figure: 04_packing cycle_time -->`
+is the member of that row of the table in the unit and with the decimals that the page has. What a page lists by rows
+is between `<!-- rows: NAME -->` and `<!-- end -->`, and is written whole. A picture carries the row that it shows, as
+the text `dualarm` of the PNG.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import resource
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+DOCS = Path(__file__).parent
+ROOT = DOCS.parent
+TABLE = DOCS / "figures.json"
+PICTURES = DOCS / "pictures"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+Row = dict[str, Any]
+
+JOBS = {
+    "01_first_pick": "the smallest useful job",
+    "02_two_trays": "named frames, free yaw, symmetry, `after`",
+    "03_bottin_planar": "the robot and the move of [Bottin2021]",
+    "04_packing": "24 picks from trays into cartons",
+    "05_two_robots": "two robots with bases of their own, a cap on the tool speed",
+    "06_shared_bin": "a crowded cell: both arms pick from one bin",
+    "07_two_shelves": "shelves of two compartments that are filled from the front",
+    "08_narrow_bin": "a narrow bin that the arms use in turn",
+    "09_yumi": "arms without closed forms; picks, then a [path](paths.md) of both tools",
+    "10_seam": "a [seam](seams.md) on a part that the other arm holds",
+    "11_any_order": "a kit whose [order](orders.md) the planner chooses",
+    "12_chute": "a [buffer](orders.md#buffers) with room for two parts",
+    "13_hand_over": "two brackets that go [from arm to arm](hand-over.md)",
+    "14_two_grippers": "an arm that [changes its gripper](tool-change.md)",
+    "15_conveyor": "parts on a [conveyor](conveyor.md)",
+}
+"""What each bundled job shows."""
+PLANS = {
+    **{job: [job, "--effort", "quick"] for job in JOBS},
+    "04_packing": ["04_packing"],
+    "04_packing with stops": ["04_packing", "--blend", "none"],
+}
+"""Plans of the docs by row of the table: the words after `dualarm plan`."""
+DRAWINGS = {
+    "any_order.png": (
+        "dualarm plan tasks/11_any_order/tasks.yaml --effort quick",
+        "order.png",
+    ),
+    "circles.png": ("dualarm plan tasks/papers/choi_circles/tasks.yaml", "circles_paths.png"),
+    "curves.png": ("dualarm curve tasks/papers/qin_curves/tasks.yaml", "curves.png"),
+    "gantt.png": ("dualarm plan tasks/04_packing/tasks.yaml", "gantt.png"),
+    "platform.png": ("dualarm platform", "platform.png"),
+    "reach.png": ("dualarm robot reach tasks/04_packing/cell.yaml --step 100mm", "reach.png"),
+    "seam.png": ("dualarm plan tasks/10_seam/tasks.yaml --effort quick", "seam_seams.png"),
+    "study_pareto.png": ("dualarm sweep tasks/04_packing/study.yaml", "packing-study/pareto.png"),
+    "study_sensitivity.png": (
+        "dualarm sweep tasks/04_packing/study.yaml",
+        "packing-study/sensitivity.png",
+    ),
+    "tool_changes.png": (
+        "dualarm plan tasks/14_two_grippers/tasks.yaml --effort quick",
+        "changes.png",
+    ),
+}
+"""Figures of the docs: the command of a page that draws each, and the file that it writes."""
+MOMENTS = {"04_packing": 0.5, "13_hand_over": 3.9}
+"""Instant of a screen picture as a share of the cycle if below 1, else [s]; a third of the cycle for all others."""
+SIZE = (1280, 800)
+"""Width and height of screen pictures [pixels]."""
+BROWSER = (
+    *("--headless=new", "--no-sandbox", "--hide-scrollbars", "--virtual-time-budget=6000"),
+    *(
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        f"--window-size={SIZE[0]},{SIZE[1]}",
+    ),
+)
+NUMBER = re.compile(
+    r"(?P<number>\d[\d.]*)(?P<unit>(?: [^\s<\d]+)?)<!-- figure: (?P<source>[^>]+) -->"
+)
+ROWS = re.compile(r"(<!-- rows: (\w+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+UNITS = {"": 1.0, " s": 1.0, " %": 100.0, " mm": 1000.0, " ms": 1000.0}
+"""Size of the SI unit in the units of the pages."""
+
+
+def dualarm(words: list[str], folder: Path) -> float:
+    """Runs a command in a folder that holds `tasks`; returns its processor time [s]."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [sys.executable, "-m", "dualarm_cli", *words]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def row_of(name: str, folder: Path) -> Row:
+    """Makes a plan of the table in a folder; returns its row, numbers in SI units."""
+    words = PLANS[name]
+    seconds = dualarm(["plan", *words, "--out", name, "--force", "--quiet"], folder)
+    report = json.loads((folder / name / "report.json").read_text())
+    gap = report["smallest_clearance"]
+    return {
+        "command": shlex.join(["dualarm", "plan", *words]),
+        "robot": report["robot"],
+        "stages": len(report["stages"]),
+        "parts": report["parts"],
+        "closes": report["closes"],
+        "cycle_time": round(report["cycle_time"], 6),
+        "lower_bound": _rounded(report["lower_bound"]),
+        "gap": _rounded(report["gap"]),
+        "clearance": _rounded(gap and gap["clearance"]),
+        "processor_time": round(seconds, 1),
+    }
+
+
+def _rounded(number: float | None) -> float | None:
+    return None if number is None else round(number, 6)
+
+
+def differences(name: str, row: Row, folder: Path) -> list[str]:
+    """Makes a plan again; returns how it differs from its row, but for the time that it takes."""
+    now = row_of(name, folder)
+    return [
+        f"{name}: {key} is {now[key]}, docs/figures.json has {row[key]}"
+        for key in row
+        if key != "processor_time" and now[key] != row[key]
+    ]
+
+
+def table() -> dict[str, Row]:
+    """Reads the table."""
+    rows: dict[str, Row] = json.loads(TABLE.read_text(encoding="utf-8"))
+    return rows
+
+
+def write_table(folder: Path) -> None:
+    """Makes all plans, and writes their numbers."""
+    rows = {name: row_of(name, folder) for name in PLANS}
+    TABLE.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def check_table(folder: Path) -> None:
+    """Makes all plans again, and ends with exit code 1 where the table has another number."""
+    rows = table()
+    wrong = [line for name in PLANS for line in differences(name, rows[name], folder)]
+    sys.exit("\n".join([*wrong, "write it anew: python docs/figures.py"]) if wrong else 0)
+
+
+def shown(row: Row) -> Row:
+    """Returns what a picture carries: the row without the time that planning took."""
+    return {key: value for key, value in row.items() if key != "processor_time"}
+
+
+def drawn_row(figure: str) -> str | None:
+    """Returns the row of the table that a drawing shows, or none: a study, a curve, another effort."""
+    command = DRAWINGS[figure][0]
+    commands = {row["command"]: name for name, row in table().items()}
+    return commands.get(command.replace("tasks/", "").replace("/tasks.yaml", ""))
+
+
+def save(picture: Path, to: Path, row: Row | None) -> None:
+    """Writes a picture with few colours and with the row that it shows."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    text = PngInfo()
+    if row is not None:
+        text.add_text("dualarm", json.dumps(shown(row)))
+    with Image.open(picture) as image:
+        image.convert("RGB").quantize(256).save(to, pnginfo=text, optimize=True)
+
+
+def draw(folder: Path) -> None:
+    """Draws the figures of commands; `--plot` or `--out` names the file."""
+    for command in dict.fromkeys(command for command, _ in DRAWINGS.values()):
+        files = {name: file for name, (drawing, file) in DRAWINGS.items() if drawing == command}
+        asked = re.sub("_(paths|seams)", "", next(iter(files.values())).split("/")[0])
+        option = "--out" if {"reach", "sweep"} & set(command.split()) else "--plot"
+        plan = ["--out", "drawing", "--force"] if command.startswith("dualarm plan") else []
+        dualarm([*shlex.split(command)[1:], option, asked, *plan], folder)
+        for name, file in files.items():
+            row = drawn_row(name)
+            save(folder / file, DOCS / name, None if row is None else table()[row])
+
+
+def take_screens(folder: Path) -> None:
+    """Takes a picture of the page of each job, planned before or now."""
+    browser = next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome")))
+    )
+    PICTURES.mkdir(exist_ok=True)
+    for old in PICTURES.glob("*.png"):
+        old.unlink()
+    for name in JOBS:
+        page, row = folder / name / "report.html", table()[name]
+        if not page.exists():
+            row_of(name, folder)
+        moment = MOMENTS.get(name, 1 / 3)
+        time = moment * row["cycle_time"] if moment < 1 else moment
+        picture = folder / "screen.png"
+        address = f"{page.resolve().as_uri()}#t={time:.3f}"
+        command = [browser, *BROWSER, f"--screenshot={picture}", address]
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
+        save(picture, PICTURES / f"{name}.png", row)
+
+
+def filled(text: str, rows: Mapping[str, Row]) -> str:
+    """Returns the text of a page with the numbers and the rows of the table."""
+
+    def number(match: re.Match[str]) -> str:
+        name, _, member = match["source"].strip().rpartition(" ")
+        decimals = len(match["number"].partition(".")[2])
+        value = f"{rows[name][member] * UNITS[match['unit']]:.{decimals}f}"
+        return f"{value}{match['unit']}<!-- figure: {match['source']} -->"
+
+    def block(match: re.Match[str]) -> str:
+        lines = "".join(f"{line}\n" for line in LISTS[match[2]](rows))
+        return f"{match[1]}{lines}{match[4]}"
+
+    return ROWS.sub(block, NUMBER.sub(number, text))
+
+
+def fill_pages() -> None:
+    """Writes the numbers of the table into the pages."""
+    rows = table()
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        page.write_text(filled(text, rows), encoding="utf-8")
+
+
+def gallery_rows(rows: Mapping[str, Row]) -> Iterator[str]:
+    """Yields the gallery: a picture of each job that has one, its cycle and what it shows."""
+    for name, what in JOBS.items():
+        row = rows[name]
+        yield f"## {name}\n"
+        cycle = f"{'Cycle' if row['closes'] else 'Duration'} {row['cycle_time']:.3f} s"
+        if row["lower_bound"]:
+            cycle += f"; no plan of these stages is faster than {row['lower_bound']:.3f} s"
+        yield f"{row['robot']}: {what}. {cycle}.\n"
+        yield f"`{row['command']}`\n"
+        if (PICTURES / f"{name}.png").exists():
+            yield f"![The page of {name}: the cell in motion, who does what and when](../pictures/{name}.png)\n"
+
+
+def planning_rows(rows: Mapping[str, Row]) -> Iterator[str]:
+    """Yields the table of planning times."""
+    yield "| command | stages | cycle | processor time |"
+    yield "| --- | --- | --- | --- |"
+    for row in rows.values():
+        yield (
+            f"| `{row['command']}` | {row['stages']} | {row['cycle_time']:.3f} s "
+            f"| {row['processor_time']:.0f} s |"
+        )
+
+
+LISTS: Mapping[str, Callable[[Mapping[str, Row]], Iterator[str]]] = {
+    "gallery": gallery_rows,
+    "planning": planning_rows,
+}
+"""What is written whole, by its name in the page."""
+
+
+def correct_outputs() -> None:
+    """Runs the commands of all pages, and writes what they print into the outputs below them."""
+    sys.path.insert(0, str(DOCS))
+    import blocks
+
+    for page in blocks.PAGES:
+        with tempfile.TemporaryDirectory() as folder:
+            page.write_text(blocks.correct_page(page, Path(folder), slow=True), encoding="utf-8")
+
+
+def main(steps: list[str]) -> None:
+    """Does the steps that are named, or all but the check."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "tasks").symlink_to(ROOT / "tasks", target_is_directory=True)
+        does: dict[str, Callable[[], None]] = {
+            "table": lambda: write_table(folder),
+            "drawings": lambda: draw(folder),
+            "screens": lambda: take_screens(folder),
+            "pages": fill_pages,
+            "outputs": correct_outputs,
+            "check": lambda: check_table(folder),
+        }
+        for step in steps or list(does)[:-1]:
+            does[step]()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
