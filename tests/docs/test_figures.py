@@ -19,7 +19,7 @@ CHEAP = 3.0
 RESEARCH = ["measurements.md", "papers.md", "methods.md"]
 """Pages whose figures come from the scripts that they name."""
 PROSE = re.compile(
-    r"^ *```.*?^ *```$|`[^`\n]*`|<!-- rows: .*?<!-- end -->", re.MULTILINE | re.DOTALL
+    r"^ *```.*?^ *```$|``[^\n]*?``|`[^`\n]*`|<!-- rows: .*?<!-- end -->", re.MULTILINE | re.DOTALL
 )
 
 
