@@ -64,7 +64,8 @@ def test_numbers_of_a_page_are_those_of_the_table(page: Path) -> None:
 
 def test_a_wrong_number_is_not_what_is_filled_in() -> None:
     rows = {"job": {"cycle_time": 31.54249, "gap": 0.46512, "clearance": 0.01766}}
-    text = "31.542 s<!-- figure: job cycle_time -->, 46.5 %<!-- figure: job gap -->, 18 mm<!-- figure: job clearance -->"
+    text = "31.542 s<!-- figure: job cycle_time -->, 46.5 %<!-- figure: job gap -->"
+    text += ", 18 mm<!-- figure: job clearance -->"
     assert figures.filled(text, rows) == text
     assert figures.filled(text.replace("31.542", "31.543").replace("18", "17"), rows) == text
 
