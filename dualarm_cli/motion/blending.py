@@ -185,7 +185,7 @@ def _blends(
 ) -> Iterator[tuple[Launch | None, Launch | None]]:
     """Yield blends of a transfer with its lines, with increasing margin.
 
-    Each is a pair of launches, at the end of the retract and at the begin of the approach. The iteration ends as
+    Each is a pair of launches, at the end of the retract and at the start of the approach. The iteration ends as
     soon as no pair is faster than stopping at both.
     """
     arm = drive.model.arms[name]

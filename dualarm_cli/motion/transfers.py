@@ -1,4 +1,4 @@
-"""Transfers of one stage: platform and arms depart together and arrive when needed."""
+"""Times and motion of one stage's transfers, from the joint limits."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PLATFORM = "platform"
 
 @dataclass(frozen=True)
 class SpeedSettings:
-    """Settings of the limit of tool speed."""
+    """Settings of measuring the tool speed, and of the search for slower joints."""
 
     speed_sample: float = 1e-3
     """Spacing of the instants at which tool speeds are measured [s]."""
@@ -59,7 +59,7 @@ MAX_SLOWDOWN = 4096
 
 @dataclass(frozen=True)
 class Transfers:
-    """Transfers of one stage."""
+    """Timed transfers of one stage: trajectories, minimum times and slowest joints."""
 
     motion: Mapping[str, Trajectory]
     """Motion by joint group; groups without motion are missing."""

@@ -1,4 +1,4 @@
-"""Transfers in closed form: double S or trapezoid, with all joints synchronised."""
+"""Trajectories of transfers in closed form; minimum times are in `model/rest_to_rest.py`."""
 
 from __future__ import annotations
 

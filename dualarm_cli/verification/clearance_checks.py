@@ -1,4 +1,4 @@
-"""Clearance of all pairs that may not touch, proven over the whole motion."""
+"""Verdicts on clearance: pairs that may not touch, exceptions, findings by stage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Proof of clearance over a whole motion, from distances at instants and their rates.
+"""Distances between bodies over a whole motion: measured, with proven lower bounds.
 
 In an interval from t0 to t1 a joint moves no faster than its greatest speed there, w_k (exact: speed is a parabola
 between knots), and joint k moves the points of a pair of solids against each other by no more than r_k per radian

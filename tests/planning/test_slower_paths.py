@@ -13,7 +13,7 @@ from dualarm_cli.kinds.path import planning as path_jobs
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.path.following import PATH_SOLVERS, NoPath, PathMotion, PathProblem
 from dualarm_cli.kinds.path.following.velocity import follow_min_norm
-from dualarm_cli.kinds.path.motion import FollowedPath, Refused, TrialBudget, follow_path
+from dualarm_cli.kinds.path.motion import FollowedPath, InstantBudget, Refused, follow_path
 from dualarm_cli.kinds.path.starts import path_starts
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
@@ -108,13 +108,13 @@ def test_unknown_excess_is_bracketed_and_bisected(tmp_path: Path) -> None:
     [start, *_] = path_starts(context, work, home, 0, None).configurations
     follower = Follower(2.2)
     solver = Solver(name="picky", solve=follower, summary="", reference="")
-    found = follow_path(context, work, solver, start, TrialBudget())
+    found = follow_path(context, work, solver, start, InstantBudget())
     assert isinstance(found, FollowedPath)
     assert 2.2 <= found.trajectory.duration < 1.2 * 2.2
     assert len(follower.asked) <= 10
     # Without, the first refusal stands.
     follower.asked.clear()
-    refused = follow_path(context, work, solver, start, TrialBudget(), halve=False)
+    refused = follow_path(context, work, solver, start, InstantBudget(), halve=False)
     assert isinstance(refused, Refused)
     assert len(follower.asked) == 1
 

@@ -19,7 +19,7 @@ from dualarm_cli.model.job import Stop, Task
 
 
 class ConveyorTarget(TargetSection):
-    """Target that may move with a conveyor."""
+    """Schema of targets: optional conveyor, time of passing and largest travel."""
 
     conveyor: Name | None = Field(
         default=None, description="Conveyor of the cell that the target moves with."
@@ -95,7 +95,7 @@ def on_belt(reader: TaskReader, section: TargetSection, loc: Loc, stop: Stop) ->
 
 
 def check_windows(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> Task:
-    """Report a task window outside the meeting time of its part.
+    """Report a task window without overlap with its part's meeting time.
 
     Args:
         reader: of the file.

@@ -23,7 +23,7 @@ from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """Settings of the tracking of a conveyor."""
+    """Settings of tracking: line shapes, knots, phase stretching and permitted tool errors."""
 
     line_shapes: tuple[tuple[int, ...], ...] = ((2, 0), (1, 2), (1, 1), (1, 0))
     """Double-S shapes of lines, in eighths of the line's time.
@@ -85,7 +85,7 @@ def ramp_progress(share: FloatArray) -> FloatArray:
 
 
 def line_progress(share: FloatArray, shape: int) -> FloatArray:
-    """Compute the progress along a line from rest to rest at fractions of its time.
+    """Compute the progress along a line by one of the double-S `line_shapes`.
 
     Args:
         share: fractions of the time, from 0 to 1.

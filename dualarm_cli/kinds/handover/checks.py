@@ -55,7 +55,7 @@ class HandoverSpan:
 
 
 def handover_spans(job: Job, spans: Sequence[LineSpan]) -> list[HandoverSpan]:
-    """List the hand-overs with each event exactly once.
+    """List the hand-overs that have exactly one give and one take event.
 
     Args:
         job: as done.

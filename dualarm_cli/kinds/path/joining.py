@@ -1,4 +1,4 @@
-"""Trajectory through joints at instants, checked against all limits of rates and torques."""
+"""Splines through joints at instants, checked against limits of position, rates, torque, tool speed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CHECK_SPACING = 3
 
 @dataclass(frozen=True)
 class Joined:
-    """Spline through joints at instants, and its excess over the rate limits."""
+    """Spline through joints at instants, with its worst limit violation and required slowdown."""
 
     trajectory: Trajectory
     excess: FloatArray
@@ -148,15 +148,15 @@ class Joined:
 
 
 def target_error(problem: PathProblem, motion: PathMotion) -> float:
-    """Compute the largest tool error of a follower at its instants [m].
+    """Compute a follower's largest tool error against its targets [m].
 
-    Turns are scaled by TURN_LENGTH.
+    Turns are scaled by TURN_LENGTH; every CHECK_SPACING-th instant is measured.
     """
     return _largest_error(problem, motion.position[CHECK_SPACING // 2 :: CHECK_SPACING], None)
 
 
 def path_deviation(problem: PathProblem, motion: PathMotion, trajectory: Trajectory) -> float:
-    """Compute the largest tool deviation of a trajectory between its knots [m].
+    """Compute the largest tool error of a trajectory against the follower's postures [m].
 
     Turns are scaled by TURN_LENGTH.
     """

@@ -77,7 +77,7 @@ def _means(position: FloatArray, half: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class FollowSettings:
-    """Settings of the timing of a followed path."""
+    """Settings of smoothing, slowing and refining a followed path within its limits."""
 
     smoothed: tuple[float, ...] = (0.0, 0.04, 0.08, 0.16, 0.32)
     """Windows over which self-motion is smoothed to keep the joints' limits [s]."""
@@ -160,8 +160,8 @@ class Refused:
 
 
 @dataclass
-class TrialBudget:
-    """Remaining effort for one path, over all its starts."""
+class InstantBudget:
+    """Number of instants that may still be solved or smoothed for one path."""
 
     instants: int = 120_000
     """Remaining number of instants to solve or smooth."""
@@ -180,7 +180,7 @@ def quickest_path(
     work: PathWork,
     follower: Follower,
     start: FloatArray,
-    budget: TrialBudget,
+    budget: InstantBudget,
     halve: bool = True,
 ) -> FollowedPath | Refused:
     """Follow a path with rounded corners, or with stops if that is quicker; see `follow_path`."""
@@ -201,7 +201,7 @@ def follow_path(
     work: PathWork,
     follower: Follower,
     start: FloatArray,
-    budget: TrialBudget,
+    budget: InstantBudget,
     halve: bool = True,
 ) -> FollowedPath | Refused:
     """Follow a path by one method from one start, slower if the file allows it.
@@ -281,7 +281,7 @@ class _Trials:
     follower: Follower
     start: FloatArray
     """Joints where the path begins [rad], shape (n,)."""
-    budget: TrialBudget
+    budget: InstantBudget
 
     @property
     def has_self_motion(self) -> bool:

@@ -16,8 +16,8 @@ from dualarm_cli.kinds.path.messages import path_job_notes, path_notes, why_not
 from dualarm_cli.kinds.path.motion import (
     FollowedPath,
     Follower,
+    InstantBudget,
     Refused,
-    TrialBudget,
     is_clear,
     quickest_path,
     touching_path,
@@ -176,7 +176,7 @@ class PathSearch:
     """Quickest path with the transfer to its start."""
     accepted: int = 0
     """Number of starts with a collision-free path and transfer."""
-    budget: TrialBudget = field(default_factory=TrialBudget)
+    budget: InstantBudget = field(default_factory=InstantBudget)
     """Remaining budget of trials."""
     refusals: list[Refused] = field(default_factory=list)
     """Failed trials."""

@@ -23,7 +23,7 @@ from dualarm_cli.kinds.seam.closed_chain.starts import seam_starts
 from dualarm_cli.kinds.seam.messages import seam_refusal, where_it_fails
 from dualarm_cli.kinds.seam.motion import is_too_fast, timed_seam
 from dualarm_cli.kinds.seam.path import SeamPath
-from dualarm_cli.kinds.seam.record import PlannedSeam, quicker
+from dualarm_cli.kinds.seam.record import PlannedSeam, quicker_seam
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.seam import SeamWork
@@ -59,7 +59,7 @@ class SeamPlanSettings:
     steady_share: float = 0.8
     """Approximate fraction of a given duration at steady speed. Solvers ignore ramps."""
     closed: float = 2e-7
-    """Largest residual of a closed chain at the begin of a seam [m, rad].
+    """Largest residual of a closed chain at the start of a seam [m, rad].
 
     It covers the rounding of files.
     """
@@ -222,7 +222,7 @@ class _Start:
     current: FloatArray
     """All joints before the seam [rad], shape (n,)."""
     begin: FloatArray | None = None
-    """Required joints at the begin of the seam [rad], shape (n,); None for any."""
+    """Required joints at the start of the seam [rad], shape (n,); None for any."""
     number: int = 0
     """Number of the attempt, which varies the random starts."""
 
@@ -389,7 +389,7 @@ class SeamPlanner:
             # The solver stopped at the required speed without ramps: repeat for the greatest speed.
             faster = SEAM_SOLVERS[name].solve(replace(problem, time=0.0))
             if isinstance(faster, SeamMotion):
-                planned = quicker(planned, self._timed(problem, faster, name))
+                planned = quicker_seam(planned, self._timed(problem, faster, name))
         if isinstance(planned, Refusal) or holding is None:
             return planned
         motions = (
@@ -449,7 +449,7 @@ class SeamPlanner:
 
 
 def _is_closed(chain: Chain, position: FloatArray) -> bool:
-    """Test whether joints (n,) [rad] have tool and part at the begin of the seam."""
+    """Test whether joints (n,) [rad] have tool and part at the start of the seam."""
     share = np.zeros(1)
     given = chain.work.master is not None and chain.work.hold.given
     poses = chain.work.hold.at(share) if given else None

@@ -74,20 +74,20 @@ def add_seam_section(
         section[0].id, work, home if current is None else current, after[0].seam if after else None
     )
     begin, name = record.clock, section[0].id
-    if current is not None and np.abs(planned.first - current).max() > SAME:
+    if current is not None and np.abs(planned.start_joints - current).max() > SAME:
         try:
-            transfer = tools.transfer(current, planned.first)
+            transfer = tools.transfer(current, planned.start_joints)
         except InfeasibleError as error:
             more = {"cause": error}
             raise InfeasibleError(
                 Refusal("no_way_to_seam", work.place, name, work.slave, more=more)
             ) from None
         motion = transfer.cleared.motion
-        _check_entry(work, job.speed, motion.trajectory.duration + planned.coming, name)
+        _check_entry(work, job.speed, motion.trajectory.duration + planned.lead_time, name)
         add_transfer(record, _timed_entry(work, job.speed, motion, planned), section)
         record.count(transfer)
     else:
-        _check_entry(work, job.speed, planned.coming, name)
+        _check_entry(work, job.speed, planned.lead_time, name)
     add_seam(record, tools.problem.model, section, planned, begin, job.speed)
     record.notes += seam_notes(job, section[0].id, work, planned.seam)
 
@@ -109,7 +109,7 @@ def _timed_entry(work: SeamWork, pace: float, motion: Motion, planned: PlannedSe
     """Stretch the transfer to a seam to the duration of its entry."""
     if work.entry_duration is None:
         return motion
-    return drawn_out_transfer(motion, work.entry_duration / pace - planned.coming)
+    return drawn_out_transfer(motion, work.entry_duration / pace - planned.lead_time)
 
 
 def seam_opens(section: Section) -> float:
@@ -122,7 +122,7 @@ def seam_opens(section: Section) -> float:
 def seam_poses(job: Job, section: Section, share: float) -> ToolPoses:
     """Return the known tool poses at a fraction of a seam.
 
-    At its ends the slave's pose is that at the begin of the approach and the end of the retract. Poses are unknown
+    At its ends the slave's pose is that at the start of the approach and the end of the retract. Poses are unknown
     without the part's pose, and for a slave whose tool may tilt.
     """
     work = section[0].seam

@@ -38,19 +38,21 @@ class PlannedSeam:
     """Part and tool."""
 
     @property
-    def coming(self) -> float:
+    def lead_time(self) -> float:
         """Duration of the approach and the dwell before the seam [s]."""
         return self.dwell_start.duration + (self.approach.duration if self.approach else 0.0)
 
     @property
-    def first(self) -> FloatArray:
-        """All joints at the begin of the approach [rad], shape (n,)."""
+    def start_joints(self) -> FloatArray:
+        """All joints at the start of the approach [rad], shape (n,)."""
         start: FloatArray = (self.approach or self.seam.trajectory).position[0]
         return start
 
 
-def quicker(first: PlannedSeam | Refusal, second: PlannedSeam | Refusal) -> PlannedSeam | Refusal:
-    """Select the quicker of two results.
+def quicker_seam(
+    first: PlannedSeam | Refusal, second: PlannedSeam | Refusal
+) -> PlannedSeam | Refusal:
+    """Select the plan with the shorter seam.
 
     A plan wins over a refusal, and the second refusal over the first.
     """
@@ -69,7 +71,7 @@ def add_seam(
     begin: float,
     job_speed: float,
 ) -> None:
-    """Append a seam: a stage for the motion to it, and one for itself.
+    """Append two stages: from the transfer to the first dwell, and from the seam to the retract.
 
     Args:
         record: the plan so far, with the transfer as its last stage.
@@ -84,9 +86,11 @@ def add_seam(
     work = planned.chain.work
     # Without a transfer to stretch, a wait fills the entry's duration.
     entry = begin + (work.entry_duration or 0.0) / job_speed
-    wait = max(work.not_before, entry) - record.clock - planned.coming
+    wait = max(work.not_before, entry) - record.clock - planned.lead_time
     if wait > SAME_TIME:
-        writer.add("wait", "seam_start", hold(model.cell.robot.joints, planned.first, wait), None)
+        writer.add(
+            "wait", "seam_start", hold(model.cell.robot.joints, planned.start_joints, wait), None
+        )
     if planned.approach is not None:
         writer.add("approach", "seam_start", planned.approach, "wait")
     writer.event("seam_start", planned.seam.trajectory.position[0], work.dwell_start)

@@ -57,7 +57,7 @@ class ChangedToolSection(ToolSection):
 
 
 class ArmChangesSection(Section):
-    """Tools that one arm changes."""
+    """Tool changes of one arm: its tools, start tool, stand time and lines."""
 
     start: Name = Field(
         description="The tool mounted at the start, and with return: true at the end; none for no tool."
@@ -79,14 +79,14 @@ class ArmChangesSection(Section):
 
 
 class ToolChangesSection(Section):
-    """Tools that each arm changes."""
+    """Tool changes of each arm."""
 
     left: ArmChangesSection | None = Field(default=None, description="Those of the left arm.")
     right: ArmChangesSection | None = Field(default=None, description="Those of the right arm.")
 
 
 class ToolChangesFile(CellFile):
-    """Cell file with tools that arms change."""
+    """Schema of cell files with the section `tool_changes`."""
 
     tool_changes: ToolChangesSection = Field(
         default=ToolChangesSection.model_construct(),

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
-from dualarm_cli.kinds.seam.closed_chain.solvers import work_least_motion, work_moving, work_still
+from dualarm_cli.kinds.seam.closed_chain.solvers import (
+    solve_least_motion,
+    solve_moving,
+    solve_still,
+)
 from dualarm_cli.registry import Registry, Solver
 
 
@@ -21,7 +25,7 @@ SEAM_SOLVERS: Registry[Solver[SeamProblem, SeamMotion | NoSeam]] = Registry(
     [
         Solver(
             name="moving",
-            solve=work_moving,
+            solve=solve_moving,
             summary="Part and tool move together, as fast as the joints allow; "
             "the part rests where that is fast enough.",
             reference="closed chain: [Qin2024] Eq. 2-6, 18, 19; choice by sequential quadratic programming: ours",
@@ -29,13 +33,13 @@ SEAM_SOLVERS: Registry[Solver[SeamProblem, SeamMotion | NoSeam]] = Registry(
         ),
         Solver(
             name="still",
-            solve=work_still,
+            solve=solve_still,
             summary="Best still pose of the part, with arm angles and spin; or the part as the file has it.",
             reference="closed chain: [Qin2024]; choice by sequential quadratic programming: ours",
         ),
         Solver(
             name="least_motion",
-            solve=work_least_motion,
+            solve=solve_least_motion,
             summary="Inverse kinematics along the seam by steps of least norm, the quickest of many starts.",
             reference="[Qin2024] section 3.5",
         ),

@@ -82,7 +82,7 @@ def improved(
     *,
     easy: bool = True,
 ) -> FloatArray:
-    """Improve the joints at the nodes for a faster seam, (nodes, n) [rad].
+    """Shorten a seam by quadratic-program steps on its joints, (nodes, n) [rad].
 
     Ends at the required speed or at a local optimum; then the remaining freedom makes the motion smooth. If the result
     collides, a second descent rejects colliding steps.
@@ -228,8 +228,8 @@ def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> Fl
     return closed.position if exact.max() < CLOSED and not too_far else None
 
 
-def work_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
-    """Work a seam by inverse kinematics along it: the quickest feasible start.
+def solve_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
+    """Solve a seam by least-norm steps along it; the quickest feasible path of many starts.
 
     The tool follows the seam by steps of least norm while the part stands or moves as in the file: the method of
     [Qin2024] section 3.5, from many starts.
@@ -241,8 +241,8 @@ def work_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
     return starts.failure or why_impossible(problem, list(starts.position))
 
 
-def work_still(problem: SeamProblem) -> SeamMotion | NoSeam:
-    """Work a seam with the part still where that is fastest.
+def solve_still(problem: SeamProblem) -> SeamMotion | NoSeam:
+    """Solve a seam with the part still at its fastest pose.
 
     Pose, arm angles and spin are optimised together. If the file gives the part's motion, only the others are.
     """
@@ -252,8 +252,8 @@ def work_still(problem: SeamProblem) -> SeamMotion | NoSeam:
     return _motion(problem, paths[0])
 
 
-def work_moving(problem: SeamProblem) -> SeamMotion | NoSeam:
-    """Work a seam with moving part and tool, or a still part if fast enough.
+def solve_moving(problem: SeamProblem) -> SeamMotion | NoSeam:
+    """Solve a seam with moving part and tool, or a still part if fast enough.
 
     Without a master the platform moves instead of the part.
     """

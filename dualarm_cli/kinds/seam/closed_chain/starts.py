@@ -164,7 +164,7 @@ def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
 
 
 def _start_failure(problem: SeamProblem) -> Refusal:
-    """Explain why no random start has tool and part together at the begin of the seam."""
+    """Explain why no random start has tool and part together at the start of the seam."""
     closed = _closed_draws(problem, 0)
     nearest = int(np.argmin(closed.residual))
     if closed.residual[nearest] > CLOSED:
