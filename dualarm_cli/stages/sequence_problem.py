@@ -95,17 +95,8 @@ def _problem(
 def _clearance(
     model: CellModel, start: FloatArray, holding: Holding, no_goods: tuple[NoGood, ...]
 ) -> SequenceClearance:
-    return SequenceClearance(
-        holding.cell,
-        tuple(model.platform_columns),
-        start,
-        model.platform.is_chosen,
-        holding.before,
-        holding.after,
-        holding.is_handover,
-        no_goods,
-        holding.pace,
-    )
+    columns, turns = tuple(model.platform_columns), model.platform.is_chosen
+    return SequenceClearance(holding, columns, start, turns, no_goods)
 
 
 def _arm_work(

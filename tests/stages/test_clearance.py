@@ -40,7 +40,7 @@ def test_steps_cost_what_the_plan_of_which_they_are_is_charged(shelves):
         target = np.array(plan.arrival)
         for work in problem.arms:
             if work.name in plan.stops:
-                columns = problem.clearance.cell.columns[problem.arms.index(work)]
+                columns = problem.clearance.holding.cell.columns[problem.arms.index(work)]
                 target[list(columns)] = plan.stops[work.name].posture.q_target
         rows = (plan.start, plan.arrival, target, plan.end)
         [waits] = step_waits(problem.clearance, k, *(row[None] for row in rows))
@@ -54,15 +54,19 @@ def test_who_touches_at_a_target_may_come_after_the_other_but_not_in_a_hand_over
     """Both arms at rest where they reach into each other: turns, or nothing helps."""
     problem, plans, _ = shelves
     test = problem.clearance
-    arms = [column for columns in test.cell.columns for column in columns]
+    arms = [column for columns in test.holding.cell.columns for column in columns]
     random, touching = np.random.default_rng(0), plans[0].end[None].copy()
-    while test.cell.cross_margins(touching, test.at_targets[:1])[0] > -0.02:
+    while test.holding.cell.cross_margins(touching, test.holding.at_targets[:1])[0] > -0.02:
         touching[0, arms] = random.uniform(-1.5, 1.5, len(arms))
     rows = (touching,) * 4
-    taken = dataclasses.replace(
-        test, settled=frozenset(), handing=np.zeros(problem.stages, dtype=bool)
+    taken, given = (
+        dataclasses.replace(
+            test,
+            settled=frozenset(),
+            holding=dataclasses.replace(test.holding, is_handover=np.full(problem.stages, handed)),
+        )
+        for handed in (False, True)
     )
-    given = dataclasses.replace(taken, handing=np.ones(problem.stages, dtype=bool))
     settled = frozenset({0})
     [turns] = step_waits(dataclasses.replace(taken, settled=settled), 0, *rows)
     assert np.isfinite(turns)

@@ -193,8 +193,9 @@ def test_a_stage_with_less_than_the_margin_of_nodes_everywhere_keeps_collision_f
     job, (low, high) = narrow(replace(packing, cell=cell), np.radians(0.5))
     problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
     assert problem.clearance is not None
-    thin: Any = _Margins(problem.clearance.cell, margin)
-    problem = replace(problem, clearance=replace(problem.clearance, cell=thin))
+    thin: Any = _Margins(problem.clearance.holding.cell, margin)
+    holding = replace(problem.clearance.holding, cell=thin)
+    problem = replace(problem, clearance=replace(problem.clearance, holding=holding))
     angles = np.zeros((3, 4))
     arms = [arm_layers(problem, a, angles, [None] * 3) for a in (0, 1)]
     found = ExactStages(problem).layers(problem, arms, angles, [1], 500)

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dualarm_cli.collision.clearance import SLACK, CellClearance
+from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
 
 SAMPLES = 8
@@ -36,24 +37,16 @@ class NoGood:
 class SequenceClearance:
     """Fast collision test of a cell for the stages of a sequence."""
 
-    cell: CellClearance
-    """Collision model: hulls and pairs."""
+    holding: Holding
+    """Cell with its hulls and pairs, and the loads of the arms by stage."""
     platform_columns: tuple[int, ...]
     """Columns of the platform's joints."""
     rest: FloatArray
     """Default joints of the robot [rad], shape (columns,)."""
     turns: bool
     """Whether the platform joint is a decision."""
-    before: IntArray
-    """Index of the held part by arm before each stage's targets, shape (n, arms)."""
-    after: IntArray
-    """Index of the held part by arm after each stage's targets, shape (n, arms)."""
-    handing: BoolArray
-    """Flags of hand-over stages, in which both arms meet, shape (n,)."""
     no_goods: tuple[NoGood, ...] = ()
     """Excluded stages whose postures and straight moves pass the fast test."""
-    pace: float = 1.0
-    """Slowdown factor compared with full speed."""
     settled: frozenset[int] = frozenset()
     """Stages with fixed stops that only the exact test decides: the fast test cleared no candidate."""
 
@@ -67,26 +60,20 @@ class SequenceClearance:
         position = np.tile(self.rest, (len(angle), 1))
         if self.turns:
             position[:, self.platform_columns[0]] = angle
-        for columns, q in zip(self.cell.columns, joints, strict=True):
+        for columns, q in zip(self.holding.cell.columns, joints, strict=True):
             if q is not None:
                 position[:, list(columns)] = q
         return position
 
     @property
-    def at_targets(self) -> IntArray:
-        """Index of the held part by arm at each stage's targets, shape (n, arms)."""
-        loads = self.cell.loads
-        return loads.at_stops(loads.fuller(self.before, self.after), self.handing)
-
-    @property
     def coming(self) -> IntArray:
         """Index of the held part by arm on each stage's approaches, shape (n, arms)."""
-        return self.cell.loads.at_stops(self.before, self.handing)
+        return self.holding.cell.loads.at_stops(self.holding.before, self.holding.is_handover)
 
     @property
     def leaving(self) -> IntArray:
         """Index of the held part by arm on each stage's retracts, shape (n, arms)."""
-        return self.cell.loads.at_stops(self.after, self.handing)
+        return self.holding.cell.loads.at_stops(self.holding.after, self.holding.is_handover)
 
     def arm_free(
         self, a: int, angle: FloatArray, q: FloatArray, held: int, spare: float = SLACK
@@ -100,10 +87,12 @@ class SequenceClearance:
             held: index of the held part.
             spare: margin beyond the required clearance [m].
         """
-        joints: list[FloatArray | None] = [None] * len(self.cell.arms)
+        joints: list[FloatArray | None] = [None] * len(self.holding.cell.arms)
         joints[a] = q
         position = self.positions(angle, joints)
-        return np.asarray(self.cell.arm_margins(a, position, np.full(len(q), held)) >= spare)
+        return np.asarray(
+            self.holding.cell.arm_margins(a, position, np.full(len(q), held)) >= spare
+        )
 
     def along(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Interpolate SAMPLES configurations on every straight move [rad], shape (n SAMPLES, columns).

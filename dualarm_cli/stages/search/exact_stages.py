@@ -391,8 +391,9 @@ def free_nodes(
     if test is None or not len(nodes.work):
         return nodes
     free = np.ones(len(nodes.work), dtype=np.bool_)
-    before, after = int(test.before[k, a]), int(test.after[k, a])
-    places = [(nodes.decisions.near, int(test.at_targets[k, a])), (nodes.q_approach, before)]
+    holding = test.holding
+    before, after = int(holding.before[k, a]), int(holding.after[k, a])
+    places = [(nodes.decisions.near, int(holding.at_targets[k, a])), (nodes.q_approach, before)]
     if before != after or not np.array_equal(nodes.q_approach, nodes.q_retract):
         places.append((nodes.q_retract, after))
     for q, held in places:
@@ -462,13 +463,14 @@ def _apart(
         rows = [np.flatnonzero(nodes_of_arm.angle_index == f) for nodes_of_arm in (left, right)]
         chosen = [r[np.linspace(0, len(r) - 1, min(len(r), max_pairs)).astype(int)] for r in rows]
         i, j = (x.ravel() for x in np.meshgrid(*chosen, indexing="ij"))
-        places = [(left.q_retract[i], right.q_retract[j], test.after[k])]
-        if test.handing[k]:
-            places.append((left.decisions.near[i], right.decisions.near[j], test.at_targets[k]))
+        holding = test.holding
+        places = [(left.q_retract[i], right.q_retract[j], holding.after[k])]
+        if holding.is_handover[k]:
+            places.append((left.decisions.near[i], right.decisions.near[j], holding.at_targets[k]))
         clear = np.ones(len(i), dtype=np.bool_)
         for q, r, held in places:
             position = test.positions(np.full(len(i), angles[f]), [q, r])
-            margins = test.cell.cross_margins(position, np.tile(held, (len(i), 1)))
+            margins = holding.cell.cross_margins(position, np.tile(held, (len(i), 1)))
             clear &= margins >= SLACK
         free[f] = clear.any()
     return free

@@ -65,6 +65,7 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     if test is None:
         yes = np.ones(n + 1, dtype=np.bool_)
         return PlanClearance(yes[:-1], yes, np.zeros(n + 1))
+    holding = test.holding
     arrive, work, leave, lines = _joints(problem, test, plan)
     before = np.concatenate([_start(problem, test, plan)[None], leave[:-1]])
     if problem.free_start:
@@ -72,13 +73,13 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     after = before[:1] if problem.returns else leave[-1:]
     starts, ends = np.concatenate([before, leave[-1:]]), np.concatenate([arrive, after])
     position = np.concatenate([*lines, work, arrive, leave, test.along(starts, ends)])
-    moving = np.repeat(np.concatenate([test.before, test.after[-1:]]), SAMPLES, axis=0)
-    on_lines = (*(test.coming,) * 2, *(test.leaving,) * 2, test.at_targets)
-    held = np.concatenate([*on_lines, test.before, test.after, moving])
-    cross = test.cell.cross_margins(position, held)
+    moving = np.repeat(np.concatenate([holding.before, holding.after[-1:]]), SAMPLES, axis=0)
+    on_lines = (*(test.coming,) * 2, *(test.leaving,) * 2, holding.at_targets)
+    held = np.concatenate([*on_lines, holding.before, holding.after, moving])
+    cross = holding.cell.cross_margins(position, held)
     arm_margins = np.full(len(position), np.inf)
     for a, arm in enumerate(problem.arms):
-        margin = test.cell.arm_margins(a, position, held[:, a])
+        margin = holding.cell.arm_margins(a, position, held[:, a])
         # An idle arm does not move: it needs no slack beyond the required clearance.
         idle = np.array([stop is None for stop in arm.stops], dtype=np.bool_)
         margin[: PENALTY.stops * n] += np.where(np.tile(idle, PENALTY.stops), SLACK, 0.0)
@@ -91,11 +92,11 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     no_good_waits = np.zeros(n + 1)
     for k in {no_good.stage for no_good in test.no_goods}:
         [no_good_waits[k]] = test.no_good_costs(k, starts[k, None], ends[k, None])
-    waits = move_waits(test.pace, lacks, apart)
+    waits = move_waits(holding.pace, lacks, apart)
     waits = np.maximum(waits, np.where(np.isfinite(no_good_waits), no_good_waits, 0.0))
-    waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * PENALTY.turns)
+    waits[:n] += np.where(both[:-1].all(axis=0), 0.0, holding.pace * PENALTY.turns)
     # In a hand-over the arms cannot go one after the other.
-    together = both[-1] & (both.all(axis=0) | ~test.handing)
+    together = both[-1] & (both.all(axis=0) | ~holding.is_handover)
     stops_clear = np.asarray(alone.all(axis=0) & together)
     stops_clear[list(test.settled)] = True
     return PlanClearance(stops_clear, np.isfinite(no_good_waits), waits)
@@ -122,20 +123,21 @@ def step_waits(
         target: at the targets, shape (n, columns).
         end: after the retracts, shape (n, columns).
     """
-    n, before, after = len(start), test.before[stage], test.after[stage]
+    n, holding = len(start), test.holding
+    before, after = holding.before[stage], holding.after[stage]
     moves = test.along(start, arrival)
-    held = np.repeat([before, test.at_targets[stage], after], [len(moves) + n, n, n], axis=0)
-    cross = test.cell.cross_margins(np.concatenate([moves, arrival, target, end]), held)
+    held = np.repeat([before, holding.at_targets[stage], after], [len(moves) + n, n, n], axis=0)
+    cross = holding.cell.cross_margins(np.concatenate([moves, arrival, target, end]), held)
     lacks = np.zeros(len(moves))
     for a in range(len(before)):
-        margins = test.cell.arm_margins(a, moves, np.full(len(moves), before[a]))
+        margins = holding.cell.arm_margins(a, moves, np.full(len(moves), before[a]))
         lacks = np.maximum(lacks, -margins)
     apart = np.all((cross[: len(moves)] >= 0.0).reshape(n, SAMPLES), axis=1)
     stops = (cross[len(moves) :] >= SLACK).reshape(3, n)
-    waits = move_waits(test.pace, lacks.reshape(n, SAMPLES).max(axis=1), apart)
+    waits = move_waits(holding.pace, lacks.reshape(n, SAMPLES).max(axis=1), apart)
     waits = np.maximum(waits, test.no_good_costs(stage, start, arrival))
-    must = test.handing[stage] and stage not in test.settled
-    turns = np.inf if must else test.pace * PENALTY.turns
+    must = holding.is_handover[stage] and stage not in test.settled
+    turns = np.inf if must else holding.pace * PENALTY.turns
     waits += np.where(stops[:2].all(axis=0), 0.0, turns)
     return waits if stage in test.settled else np.where(stops[2], waits, np.inf)
 

@@ -129,11 +129,17 @@ def _test_of(test: SequenceClearance, first: int, past: int) -> SequenceClearanc
     """Restrict the fast test to stages `first` to before `past`."""
     here = slice(first, past)
     no_goods = [no_good for no_good in test.no_goods if first <= no_good.stage < past]
+    holding = test.holding
+    yaws = {(k - first, arm): yaw for (k, arm), yaw in holding.yaws.items() if first <= k < past}
     return replace(
         test,
-        before=test.before[here],
-        after=test.after[here],
-        handing=test.handing[here],
+        holding=replace(
+            holding,
+            before=holding.before[here],
+            after=holding.after[here],
+            is_handover=holding.is_handover[here],
+            yaws=yaws,
+        ),
         no_goods=tuple(replace(no_good, stage=no_good.stage - first) for no_good in no_goods),
         settled=frozenset(k - first for k in test.settled if first <= k < past),
     )
