@@ -26,6 +26,7 @@ from pydantic_core import PydanticUndefined
 
 import dualarm_cli
 from dualarm_cli.cli.parts.completion import families
+from dualarm_cli.cli.parts.help import EXAMPLES
 from dualarm_cli.cli.run import command_line
 from dualarm_cli.explanations import explanations
 from dualarm_cli.files.cells.schema_cell import PairSection
@@ -391,6 +392,9 @@ def _commands_page() -> str:
                 "| --- | --- | --- | --- |",
             ]
             parts.append("\n".join([*head, *rows]))
+        name = path.removeprefix("dualarm ")
+        lines = [f"{path} {words}".rstrip() for words in EXAMPLES[name]]
+        parts.append("\n".join(["```", *lines, "```"]))
     return _joined(*parts)
 
 
@@ -411,7 +415,7 @@ def _commands(command: Any, path: str) -> Iterator[tuple[str, Any]]:
 
 def _option_takes(option: Any) -> str:
     """Returns in words what an option takes; nothing for a flag."""
-    if option.is_flag:
+    if option.is_flag or option.count:
         return ""
     if set(option.opts) & set(METHODS):
         takes = "[method](solvers.md)"
@@ -439,6 +443,8 @@ def _kind(kind: type) -> str:
 
 
 def _option_default(option: Any) -> str:
+    if option.count:
+        return ""
     value = option.show_default if isinstance(option.show_default, str) else option.default
     if value is None or isinstance(value, bool) or callable(value) or value in ((), [], ""):
         return ""

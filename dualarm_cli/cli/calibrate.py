@@ -49,8 +49,8 @@ def calibrate_command(
         str | None,
         typer.Option(
             "--origin",
-            help="Origin of the frame method: one of the first three points.  [default: the second]",
-            show_default=False,
+            help="Origin of the frame method: one of the first three points.",
+            show_default="the second",
         ),
     ] = None,
     fit: Annotated[

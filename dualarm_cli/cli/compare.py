@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dualarm_cli.cli.parts.completion import complete_job, complete_solver
-from dualarm_cli.cli.parts.options import Effort, EffortOption, SeedOption, refuse_plot
+from dualarm_cli.cli.parts.help import HelpCommand, HelpGroup
+from dualarm_cli.cli.parts.options import (
+    SOLVERS,
+    Effort,
+    EffortOption,
+    SeedOption,
+    refuse_plot,
+)
 from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
@@ -40,6 +47,7 @@ compare_app = typer.Typer(
     help="Compare methods or schedules on the same work.",
     no_args_is_help=True,
     rich_markup_mode=None,
+    cls=HelpGroup,
 )
 OutOption = Annotated[
     str | None, typer.Option("--out", help="Folder for the results.", show_default=False)
@@ -47,7 +55,7 @@ OutOption = Annotated[
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")]
 
 
-@compare_app.command("solvers", short_help="Plan the same work by every method.")
+@compare_app.command("solvers", cls=HelpCommand)
 def solvers_command(
     tasks: Annotated[
         list[Path] | None,
@@ -61,27 +69,28 @@ def solvers_command(
         list[str] | None,
         typer.Option(
             "--method",
-            help="Method, as `plan --platform` names it; repeatable. Default: all.",
+            help=f"Method of `plan --platform`: {SOLVERS['method']}; repeatable.",
             autocompletion=complete_solver("method"),
-            show_default=False,
+            show_default="all",
         ),
     ] = None,
     redundancy: Annotated[
         list[str] | None,
         typer.Option(
             "--redundancy",
-            help="Redundancy solver, or follower of paths; repeatable. Default: all.",
+            help=f"Redundancy solver: {SOLVERS['redundancy']}; or follower of paths: {SOLVERS['path follower']}; repeatable.",
             autocompletion=complete_solver("redundancy", "path follower"),
-            show_default=False,
+            show_default="all",
         ),
     ] = None,
     timing: Annotated[
         list[str] | None,
         typer.Option(
             "--timing",
-            help="Timing solver; repeatable, or `all`. Default: ruckig.",
+            metavar=f"{SOLVERS['timing']}|all",
+            help="Timing solver; repeatable.",
             autocompletion=complete_solver("timing"),
-            show_default=False,
+            show_default="ruckig",
         ),
     ] = None,
     effort: EffortOption = Effort.normal,
@@ -277,7 +286,7 @@ def _exit_code(document: dict[str, Any]) -> int:
     return 2 if all(statuses == {"not served"} for statuses in sections) else 0
 
 
-@compare_app.command("schedules", short_help="Compare two plans stage by stage.")
+@compare_app.command("schedules", cls=HelpCommand)
 def schedules_command(
     a: Annotated[
         Path,

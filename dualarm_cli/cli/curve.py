@@ -38,11 +38,11 @@ def curve_command(
     ],
     task: Annotated[
         str | None,
-        typer.Option("--task", help="Task whose curve is written.  [default: all]"),
+        typer.Option("--task", help="Task whose curve is written.", show_default="all"),
     ] = None,
     step: Annotated[
         str | None,
-        typer.Option("--step", help=f"Interval between points.  [default: {INTERVAL}]"),
+        typer.Option("--step", help="Interval between points.", show_default=INTERVAL),
     ] = None,
     spacing: Annotated[
         str | None,

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dualarm_cli.cli.parts.completion import complete_robot
+from dualarm_cli.cli.parts.help import HelpCommand, HelpGroup
 from dualarm_cli.cli.parts.options import SeedOption
 from dualarm_cli.cli.parts.output import (
     STDOUT,
+    DetailsOption,
     JsonOption,
     print_json,
     print_message,
@@ -36,6 +38,7 @@ robot_app = typer.Typer(
     help="List, show, export and import robots, and see what they reach.",
     no_args_is_help=True,
     rich_markup_mode=None,
+    cls=HelpGroup,
 )
 FAMILIES = {
     "elbow": "axes 2 and 3 are parallel",
@@ -49,7 +52,7 @@ RobotName = Annotated[
 ]
 
 
-@robot_app.command("list")
+@robot_app.command("list", cls=HelpCommand)
 def list_command(json_output: JsonOption = False) -> None:
     """List the bundled robots."""
     from dualarm_cli.files.robots.robots import load_robot
@@ -79,9 +82,14 @@ def list_command(json_output: JsonOption = False) -> None:
     stdout_console().print(table)
 
 
-@robot_app.command("show")
-def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
-    """Show joints, limits with their source, flanges, postures and the measured arm geometry."""
+@robot_app.command("show", cls=HelpCommand)
+def show_command(
+    robot: RobotName, json_output: JsonOption = False, details: DetailsOption = False
+) -> None:
+    """Show joints, limits with their source, flanges, and the measured geometry of arms.
+
+    -v prints the joint values of postures, and how far axes deviate from the arm's kind.
+    """
     from dualarm_cli.files.robots.robots import load_robot
 
     loaded = load_robot(robot)
@@ -92,16 +100,20 @@ def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
     console = stdout_console()
     console.print(_limits_table(loaded.robot))
     for name, arm in document["arms"].items():
+        summary = arm["summary"]
+        if arm.get("is_srs") and not details:
+            summary = summary.replace(f" measured deviation: {arm['deviation']};", "")
+        print_lines(console, f"{name} arm: {summary}", f"{name} flange: link {arm['flange']}")
+    if details:
+        print_lines(console, *(_posture_line(loaded.robot, name) for name in document["postures"]))
+    else:
         print_lines(
-            console, f"{name} arm: {arm['summary']}", f"{name} flange: link {arm['flange']}"
+            console, f"postures: {', '.join(document['postures']) or 'none'}: -v has values"
         )
-    for name in document["postures"]:
-        print_lines(console, _posture_line(loaded.robot, name))
-    for note in document["notes"]:
-        print_lines(console, f"note: {note}")
+    print_lines(console, *(f"note: {note}" for note in document["notes"]))
 
 
-@robot_app.command("export")
+@robot_app.command("export", cls=HelpCommand)
 def export_command(
     robot: RobotName,
     out: Annotated[Path, typer.Option("--out", help="URDF file to write; - prints it on stdout.")],
@@ -115,7 +127,7 @@ def export_command(
         print_message(f"written: {out}")
 
 
-@robot_app.command("import")
+@robot_app.command("import", cls=HelpCommand)
 def import_command(
     urdf: Annotated[
         Path | None, typer.Argument(help="URDF or xacro file.", show_default=False)
@@ -257,7 +269,7 @@ def _one_of(names: Sequence[str]) -> Callable[[str], str]:
     return named
 
 
-robot_app.command("reach")(reach_command)
+robot_app.command("reach", cls=HelpCommand)(reach_command)
 
 
 def describe_robot(robot: Robot) -> dict[str, Any]:

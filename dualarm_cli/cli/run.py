@@ -18,6 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
+from dualarm_cli.cli.parts.help import HelpCommand, HelpGroup
 from dualarm_cli.errors import DualArmError, lacks_memory
 
 # typer carries click within itself since 0.25 and stood on it before: its errors' common ancestor is
@@ -78,6 +79,8 @@ def run(arguments: list[str]) -> int:
     except _TerminatedError:
         return _report("terminated", SIGTERM_EXIT, arguments)
     except _COMMAND_LINE_ERROR as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            return _report(error.format_message(), 2, arguments)
         context = getattr(error, "ctx", None)
         hint = f" Try '{context.command_path} --help'." if context is not None else ""
         # typer repeats how pydantic names the kind of an error.
@@ -144,21 +147,21 @@ def _report(text: str, code: int, arguments: list[str]) -> int:
 
 COMMANDS: Mapping[str, str] = {
     "init": "init.init_command",
-    "plan": "plan.plan_command",
-    "platform": "platform.platform_command",
-    "curve": "curve.curve_command",
-    "compare": "compare.compare_app",
-    "sweep": "sweep.sweep_command",
-    "robot": "robot.robot_app",
-    "calibrate": "calibrate.calibrate_command",
-    "score": "score.score_command",
     "check": "check.check_command",
-    "verify": "verify.verify_command",
-    "report": "report.report_command",
-    "export": "export.export_command",
-    "solvers": "lists.solvers_command",
     "explain": "lists.explain_command",
     "schema": "lists.schema_command",
+    "plan": "plan.plan_command",
+    "sweep": "sweep.sweep_command",
+    "report": "report.report_command",
+    "export": "export.export_command",
+    "verify": "verify.verify_command",
+    "score": "score.score_command",
+    "compare": "compare.compare_app",
+    "platform": "platform.platform_command",
+    "curve": "curve.curve_command",
+    "solvers": "lists.solvers_command",
+    "robot": "robot.robot_app",
+    "calibrate": "calibrate.calibrate_command",
 }
 """Modules and names of commands and groups, in the order of the help."""
 
@@ -177,6 +180,7 @@ def command_line(only: str = "") -> typer.Typer:
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
         context_settings={"help_option_names": ["-h", "--help"]},
+        cls=HelpGroup,
     )
     app.callback()(root)
     for name in [only] if only in COMMANDS else COMMANDS:
@@ -185,7 +189,7 @@ def command_line(only: str = "") -> typer.Typer:
         if isinstance(command, typer.Typer):
             app.add_typer(command)
         else:
-            app.command(name)(command)
+            app.command(name, cls=HelpCommand)(command)
     return app
 
 

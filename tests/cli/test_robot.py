@@ -33,6 +33,10 @@ def test_show_gives_limits_their_source_and_the_measured_geometry(capsys):
     assert left["is_srs"]
     assert document["joints"]["left_s"]["source"] == "assumed"
     assert run(["robot", "show", "sda10f"]) == 0
+    short = capsys.readouterr().out
+    assert "measured deviation" not in short
+    assert "postures: home, rest, zero: -v has values" in short
+    assert run(["robot", "show", "sda10f", "-v"]) == 0
     text = capsys.readouterr().out
     assert "measured deviation" in text
     assert "assumed" in text

@@ -43,11 +43,18 @@ EffortOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**32 - 1, help="Random seed.")]
 
+SOLVERS = {
+    "method": "sequence, minimum_time, fixed, exact, linearised",
+    "redundancy": "arm_angle, numeric",
+    "path follower": "arm_angle, virtual_spring, virtual_spring_damped, manipulability, min_acceleration, min_norm",
+    "timing": "ruckig|toppra|trapezoid",
+}
+"""Names of solvers by family, for help without their libraries; tested against the registries."""
 PlatformOption = Annotated[
     str | None,
     typer.Option(
         "--platform",
-        help="Method that chooses the platform angles.",
+        help=f"Method that chooses the platform angles: {SOLVERS['method']}.",
         show_default="sequence",
         autocompletion=complete_solver("method"),
     ),
@@ -56,14 +63,19 @@ RedundancyOption = Annotated[
     str | None,
     typer.Option(
         "--redundancy",
-        help="Redundancy solver of stops or paths.",
+        help=f"Redundancy solver of stops: {SOLVERS['redundancy']}; of paths: {SOLVERS['path follower']}.",
         show_default="arm_angle, numeric for arms that are not SRS; for paths the file's",
         autocompletion=complete_solver("redundancy", "path follower"),
     ),
 ]
 TimingOption = Annotated[
     str,
-    typer.Option("--timing", help="Timing solver.", autocompletion=complete_solver("timing")),
+    typer.Option(
+        "--timing",
+        metavar=SOLVERS["timing"],
+        help="Timing solver.",
+        autocompletion=complete_solver("timing"),
+    ),
 ]
 BlendOption = Annotated[
     Blend,
