@@ -393,7 +393,7 @@ def _commands_page() -> str:
             ]
             parts.append("\n".join([*head, *rows]))
         name = path.removeprefix("dualarm ")
-        lines = [f"{path} {words}".rstrip() for words in EXAMPLES[name]]
+        lines = [f"{path} {words}".rstrip() for words in EXAMPLES[name].split("; ")]
         parts.append("\n".join(["```", *lines, "```"]))
     return _joined(*parts)
 

@@ -16,43 +16,31 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Robot": ("robot", "calibrate"),
 }
 """Commands by group, in the order of the help."""
-EXAMPLES: Mapping[str, tuple[str, ...]] = {
-    "": ("init demo", "plan demo/tasks.yaml --open", "robot import robot.urdf"),
-    "init": ("demo", "demo --robot yumi", "demo --robot my_robot.urdf"),
-    "check": ("tasks.yaml", "cell.yaml tasks.yaml", "tasks.yaml --json"),
-    "explain": ("", "E610", "E620 --json"),
-    "schema": ("", "tasks", "tasks --out tasks.schema.json"),
-    "plan": ("tasks.yaml --open", "04_packing --effort quick -v", "tasks.yaml --watch"),
-    "sweep": ("study.yaml", "study.yaml --out study --pages study", "study.yaml --optimise"),
-    "report": ("plan --open", "plan/schedule.json", "plan --tasks tasks.yaml"),
-    "export": ("plan --to ros2", "plan --to csv --rate 500", "plan --to gltf --out cell"),
-    "verify": ("plan", "plan --tasks tasks.yaml -v", "log.csv --plan plan"),
-    "score": (
-        "'cells/**/tasks.yaml'",
-        "tasks.yaml --baseline scores.json --update-baseline",
-        "tasks.yaml --baseline scores.json --max-regression 2%",
-    ),
-    "compare solvers": (
-        "tasks.yaml",
-        "04_packing --effort quick",
-        "tasks.yaml --method fixed --method exact --out both",
-    ),
-    "compare schedules": ("before after", "before after --out both --page", "a b --json"),
-    "platform": ("", "tasks.yaml --stage 2", "--angle '20 deg' --plot move.png"),
-    "curve": ("10_seam", "tasks.yaml --step '10 ms'", "tasks.yaml --task weld --out curve.csv"),
-    "solvers": ("", "--json"),
-    "robot list": ("", "--json"),
-    "robot show": ("sda10f", "robot/robot.yaml -v", "yumi --json"),
-    "robot export": ("yumi --out yumi.urdf", "robot/robot.yaml --out -"),
-    "robot import": (
-        "robot.urdf",
-        "robot.urdf --srdf robot.srdf --out robot",
-        "--left arm.urdf --right arm.urdf --out pair",
-    ),
-    "robot reach": ("sda10f", "cell.yaml --out reach.png", "cell.yaml --height '0.9 m'"),
-    "calibrate": ("points.yaml", "points.yaml --out base.yaml", "points.yaml --fit tool"),
+EXAMPLES: Mapping[str, str] = {
+    "": "init demo; plan demo/tasks.yaml --open; robot import robot.urdf",
+    "init": "demo; demo --robot yumi; demo --robot my_robot.urdf",
+    "check": "tasks.yaml; cell.yaml tasks.yaml; tasks.yaml --json",
+    "explain": "; E610; E620 --json",
+    "schema": "; tasks; tasks --out tasks.schema.json",
+    "plan": "tasks.yaml --open; 04_packing --effort quick -v; tasks.yaml --watch",
+    "sweep": "study.yaml; study.yaml --out study --pages study; study.yaml --optimise",
+    "report": "plan --open; plan/schedule.json; plan --tasks tasks.yaml",
+    "export": "plan --to ros2; plan --to csv --rate 500; plan --to gltf --out cell",
+    "verify": "plan; plan --tasks tasks.yaml -v; log.csv --plan plan",
+    "score": "'cells/**/tasks.yaml'; tasks.yaml --baseline scores.json --update-baseline; tasks.yaml --baseline scores.json --max-regression 2%",
+    "compare solvers": "tasks.yaml; 04_packing --effort quick; tasks.yaml --method fixed --method exact --out both",
+    "compare schedules": "before after; before after --out both --page; a b --json",
+    "platform": "; tasks.yaml --stage 2; --angle '20 deg' --plot move.png",
+    "curve": "10_seam; tasks.yaml --step '10 ms'; tasks.yaml --task weld --out curve.csv",
+    "solvers": "; --json",
+    "robot list": "; --json",
+    "robot show": "sda10f; robot/robot.yaml -v; yumi --json",
+    "robot export": "yumi --out yumi.urdf; robot/robot.yaml --out -",
+    "robot import": "robot.urdf; robot.urdf --srdf robot.srdf --out robot; --left arm.urdf --right arm.urdf --out pair",
+    "robot reach": "sda10f; cell.yaml --out reach.png; cell.yaml --height '0.9 m'",
+    "calibrate": "points.yaml; points.yaml --out base.yaml; points.yaml --fit tool",
 }
-"""Words after the names of commands, tested to be what the commands take."""
+"""Examples of commands: what follows their names, with semicolons between; tested."""
 
 
 class HelpCommand(TyperCommand):
@@ -93,7 +81,7 @@ class HelpGroup(TyperGroup):
 def _write_examples(path: str, formatter: Any) -> None:
     if examples := EXAMPLES.get(path.partition(" ")[2]):
         with formatter.section("Examples"):
-            for words in examples:
+            for words in examples.split("; "):
                 formatter.write(f"  {path} {words}".rstrip() + "\n")
 
 
