@@ -78,7 +78,7 @@ def solvers_command(
         list[str] | None,
         typer.Option(
             "--redundancy",
-            help=f"Redundancy solver: {SOLVERS['redundancy']}; or follower of paths: {SOLVERS['path follower']}; repeatable.",
+            help=f"Redundancy solver: {SOLVERS['redundancy']}; of paths: {SOLVERS['path follower']}; repeatable.",
             autocompletion=complete_solver("redundancy", "path follower"),
             show_default="all",
         ),

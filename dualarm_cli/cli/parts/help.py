@@ -27,7 +27,7 @@ EXAMPLES: Mapping[str, str] = {
     "report": "plan --open; plan/schedule.json; plan --tasks tasks.yaml",
     "export": "plan --to ros2; plan --to csv --rate 500; plan --to gltf --out cell",
     "verify": "plan; plan --tasks tasks.yaml -v; log.csv --plan plan",
-    "score": "'cells/**/tasks.yaml'; tasks.yaml --baseline scores.json --update-baseline; tasks.yaml --baseline scores.json --max-regression 2%",
+    "score": "'cells/**/tasks.yaml'; tasks.yaml --baseline b.json --update-baseline; tasks.yaml --baseline b.json",
     "compare solvers": "tasks.yaml; 04_packing --effort quick; tasks.yaml --method fixed --method exact --out both",
     "compare schedules": "before after; before after --out both --page; a b --json",
     "platform": "; tasks.yaml --stage 2; --angle '20 deg' --plot move.png",
