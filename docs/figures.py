@@ -84,8 +84,8 @@ DRAWINGS = {
     ),
 }
 """Figures of the docs: the command of a page that draws each, and the file that it writes."""
-MOMENTS = {"04_packing": 0.5, "13_hand_over": 3.9}
-"""Instant of a screen picture as a share of the cycle if below 1, else [s]; a third of the cycle for all others."""
+MOMENTS = {"10_seam": 0.45, "13_hand_over": 0.3}
+"""Instant of a screen picture as a share of the cycle; a third for all others."""
 SIZE = (1280, 800)
 """Width and height of screen pictures [pixels]."""
 BROWSER = (
@@ -215,8 +215,7 @@ def take_screens(folder: Path) -> None:
         page, row = folder / name / "report.html", table()[name]
         if not page.exists():
             row_of(name, folder)
-        moment = MOMENTS.get(name, 1 / 3)
-        time = moment * row["cycle_time"] if moment < 1 else moment
+        time = MOMENTS.get(name, 1 / 3) * row["cycle_time"]
         picture = folder / "screen.png"
         address = f"{page.resolve().as_uri()}#t={time:.3f}"
         command = [browser, *BROWSER, f"--screenshot={picture}", address]
