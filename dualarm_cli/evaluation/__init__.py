@@ -1,1 +1,1 @@
-"""Planning and judging of many jobs, in processes or on a cluster, with a store of results."""
+"""Planning and judging of many jobs, in processes or on a cluster, with stored results."""

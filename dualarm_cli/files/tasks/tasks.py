@@ -91,12 +91,7 @@ def load_job(
     Raises:
         InputError: everything wrong with it and the files that it names.
     """
-    if isinstance(path, Mapping):
-        project, path = Project.in_memory(path)
-        name = path.name
-    else:
-        path, called = task_file(path)
-        project, name = Project.of(path), name or called
+    project, path, name = _project_of(path, name)
     project.overrides = Overrides(overrides)
     document = read_document(project, path, name, "tasks/1")
     findings = Findings(document.diagnostics)
@@ -147,6 +142,16 @@ def load_job(
         check_order(document, job, findings)
         findings.raise_if_any()
     return job
+
+
+def _project_of(
+    source: str | Path | Mapping[str, Any], name: str | None
+) -> tuple[Project, Path, str]:
+    if isinstance(source, Mapping):
+        project, path = Project.in_memory(source)
+        return project, path, path.name
+    path, called = task_file(source)
+    return Project.of(path), path, name or called
 
 
 def _good_tasks(

@@ -241,7 +241,7 @@ def check_seams(
             worst["seam_progress"].add(np.inf, message)
             continue
         SeamJudge(worst, MeasuredSeam(schedule, job, model, work), slave_segments[0], lines).judge()
-    lost, nothing = "no seam has its segments", "no seam asks for it"
+    lost, nothing = "no seam has its segments", "not required by any seam"
     return [
         worst["seam_distance"].judge("seam_distance", TOL.chain_distance, lost),
         worst["seam_angle"].judge("seam_angle", TOL.chain_angle, lost),
