@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Event, JointSamples, Schedule
     from dualarm_cli.model.verification import Check, Verification
+    from dualarm_cli.report.document import Report
+    from dualarm_cli.studies.sweep import sweep
 
 __version__ = "0.1.0"
 
@@ -47,6 +49,7 @@ __all__ = [
     "MissingDependencyError",
     "OutputError",
     "Plan",
+    "Report",
     "Schedule",
     "UsageError",
     "Verification",
@@ -60,6 +63,7 @@ __all__ = [
     "plan",
     "plan_many",
     "reach",
+    "sweep",
     "verify",
 ]
 
@@ -83,6 +87,8 @@ _HOMES = {
     "Job": "dualarm_cli.model.job",
     **dict.fromkeys(("Event", "JointSamples", "Schedule"), "dualarm_cli.model.schedule"),
     **dict.fromkeys(("Check", "Verification"), "dualarm_cli.model.verification"),
+    "Report": "dualarm_cli.report.document",
+    "sweep": "dualarm_cli.studies.sweep",
 }
 """Modules of the public names, imported at first use because libraries load slowly."""
 

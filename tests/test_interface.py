@@ -7,6 +7,8 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, get_args, get_origin, get_type_hints, is_typeddict
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +17,17 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 import dualarm_cli
-from dualarm_cli import InputError, Plan, UsageError, compare, compare_solvers, load, plan, verify
+from dualarm_cli import (
+    InputError,
+    Plan,
+    Report,
+    UsageError,
+    compare,
+    compare_solvers,
+    load,
+    plan,
+    verify,
+)
 from dualarm_cli.cli.run import command_line
 
 ROOT = Path(__file__).parents[1]
@@ -29,12 +41,13 @@ PUBLIC = {
     "plan": "job platform redundancy timing blend effort seed time_limit progress",
     "plan_many": "jobs processes progress options",
     "reach": "robot height tilt step",
+    "sweep": "study budget seed processes cache progress",
     "verify": "schedule job clearance",
 }
 """Public functions and their parameters: what is changed here is changed for users."""
 CLASSES = (
     "Check Diagnostic DualArmError Event Explanation Export InfeasibleError InputError Job JointSamples "
-    "MissingDependencyError OutputError Plan Schedule UsageError Verification"
+    "MissingDependencyError OutputError Plan Report Schedule UsageError Verification"
 )
 
 
@@ -53,6 +66,38 @@ def test_public_names_are_these_and_documented() -> None:
         assert inspect.getdoc(function)
     for name in CLASSES.split():
         assert inspect.getdoc(getattr(dualarm_cli, name))
+
+
+def fits(value: object, kind: object) -> bool:
+    """Whether a JSON-ready value has a type: a class, union, literal, list, dict, tuple or TypedDict."""
+    if kind is Any:
+        return True
+    if is_typeddict(kind):
+        members = get_type_hints(kind)
+        same = isinstance(value, dict) and members.keys() == value.keys()
+        return same and all(fits(value[name], inner) for name, inner in members.items())
+    outer, inner = get_origin(kind), get_args(kind)
+    if outer is Literal:
+        return value in inner
+    if outer is UnionType:
+        return any(fits(value, part) for part in inner)
+    if outer in (list, tuple):
+        if not isinstance(value, outer):
+            return False
+        parts = inner * len(value) if outer is list else inner
+        return len(parts) == len(value) and all(map(fits, value, parts))
+    if outer is dict:
+        return isinstance(value, dict) and all(fits(part, inner[1]) for part in value.values())
+    return isinstance(value, kind)
+
+
+def test_reports_have_the_types_that_checkers_see(found: Plan) -> None:
+    """Every member, also of a plan with hand-overs."""
+    for report in (found.report, plan(load("13_hand_over"), platform="exact").report):
+        hints = get_type_hints(Report)
+        assert list(report) == list(hints)
+        assert [name for name, kind in hints.items() if not fits(report[name], kind)] == []
+    assert not fits({**found.report, "parts": "2"}, Report)
 
 
 def test_importing_the_package_is_quick_and_loads_nothing() -> None:

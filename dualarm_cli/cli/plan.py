@@ -195,12 +195,13 @@ def plan_command(
             print_message(f"no {PAGE}: {error}")
     for file, draw in figures.items():
         write_file(file, draw(schedule, job, file.suffix.lower().lstrip(".")), force=True)
+    report: dict[str, Any] = {**plan.report}
     if json_output:
-        print_json(plan.report)
+        print_json(report)
     elif not quiet:
-        _print(plan.report, text_console(out), details)
+        _print(report, text_console(out), details)
     if out != STDOUT and not json_output:
-        last = _short_result(plan, folder) if quiet else _file_line(plan.report, folder, details)
+        last = _short_result(plan, folder) if quiet else _file_line(report, folder, details)
         print_lines(stdout_console(), last)
     if open_page:
         show_page(folder / PAGE)

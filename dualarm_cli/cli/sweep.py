@@ -202,8 +202,9 @@ def sweep_command(
     from dualarm_cli.studies.document import study_document
     from dualarm_cli.studies.requests import check_settings
     from dualarm_cli.studies.search import Desk
+    from dualarm_cli.studies.sweep import points_of
 
-    search = _search_options(optimise, budget, seed)
+    most = _search_budget(optimise, budget, seed)
     limit = read_duration("--timeout", timeout)
     refuse_combinations(
         jobs=jobs,
@@ -219,7 +220,9 @@ def sweep_command(
         loaded = load_study(study)
     refuse_inputs(out, csv, read)
     check_settings(loaded)
-    points, method = _points(loaded, search, quiet)
+    if most is not None and loaded.sampling is not None and not quiet:
+        print_message("note: with --optimise the study's `sample:` is not used")
+    points, method = points_of(loaded, most, seed or 0)
     store = open_store(cache, no_cache)
     with evaluators(jobs, scheduler, limit) as run:
         desk = Desk(run, store)
@@ -238,14 +241,14 @@ def sweep_command(
         raise typer.Exit(code)
 
 
-def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dict[str, Any] | None:
-    """Read the settings of the search, None for enumeration.
+def _search_budget(optimise: bool, budget: int | None, seed: int | None) -> int | None:
+    """Read the budget of the search, None for all points.
 
     Raises:
         UsageError: an option that goes with --optimise only.
         MissingDependencyError: optuna is not installed.
     """
-    from dualarm_cli.studies.search import SEARCH, require_optuna
+    from dualarm_cli.studies.search import require_optuna
 
     if not optimise:
         for name, value in (("--budget", budget), ("--seed", seed)):
@@ -253,32 +256,7 @@ def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dic
                 raise UsageError(f"{name} {value}: goes with --optimise only")
         return None
     require_optuna()
-    return {
-        "name": "optimise",
-        "budget": DEFAULT_BUDGET if budget is None else budget,
-        "seed": seed or 0,
-        "batch": SEARCH.batch,
-    }
-
-
-def _points(
-    study: Study, search: dict[str, Any] | None, quiet: bool
-) -> tuple[list[Point] | None, dict[str, Any]]:
-    """Select the points to plan, None for a search, with the document's method section."""
-    from dualarm_cli.studies.search import study_points, whole_grid
-
-    if search is None:
-        points = study_points(study)
-        sampling = study.sampling
-        if sampling is None:
-            return points, {"name": "grid"}
-        return points, {"name": sampling.method, "count": sampling.count, "seed": sampling.seed}
-    if study.sampling is not None and not quiet:
-        print_message("note: with --optimise the study's `sample:` is not used")
-    size = whole_grid(study)
-    if size is not None and size <= search["budget"]:
-        return study_points(study), search | {"whole_grid": True}
-    return None, search
+    return DEFAULT_BUDGET if budget is None else budget
 
 
 def _carry_out(
@@ -289,16 +267,12 @@ def _carry_out(
     quiet: bool,
 ) -> tuple[list[StudyRow], StudyRow]:
     """Plan all points and the unchanged files; return their rows and report progress."""
-    from dualarm_cli.studies.search import search
+    from dualarm_cli.studies.sweep import evaluated_points
 
     total = method["budget"] if points is None else len(points)
     try:
         with _study_progress(total, quiet) as desk.tell:
-            reference = desk.reference(study)
-            if points is None:
-                rows = search(study, total, method["seed"], lambda p, r: desk.rows(study, p, r))
-            else:
-                rows = desk.rows(study, points)
+            rows, reference = evaluated_points(study, points, method, desk)
     except KeyboardInterrupt:
         if not quiet and desk.store is not None:
             print_message(

@@ -30,6 +30,7 @@ from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import planner
 from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.records import ShownInNotebooks, dataclass
+from dualarm_cli.report.document import Report
 from dualarm_cli.report.printable import printable
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify as judged
@@ -91,8 +92,8 @@ class Plan(ShownInNotebooks):
         return all(line.kept for line in judge_budget(self.schedule, self.job))
 
     @cached_property
-    def report(self) -> dict[str, Any]:
-        """Content of `report.json`, JSON-ready, in SI units."""
+    def report(self) -> Report:
+        """Content of `report.json`, JSON-ready, in SI units; a dict whose members have types."""
         return build_report(self.schedule, self.job)
 
     def write(

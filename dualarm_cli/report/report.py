@@ -9,7 +9,7 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from dualarm_cli.model.verification import Verification
 from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.records import field_values
 from dualarm_cli.report.bodies import bodies, cell_notes
+from dualarm_cli.report.document import Report
 from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.report.stage_parts import StageParts, blending_rows, stage_parts
@@ -33,7 +34,7 @@ SHORTEST_CYCLE = 1e-3
 """Shortest cycle with a meaningful throughput [s]."""
 
 
-def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
+def build_report(schedule: Schedule, job: Job) -> Report:
     """Build the report as a JSON-ready document; times in s, angles in rad, lengths in m.
 
     Args:
@@ -41,7 +42,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         job: the planned job.
     """
     drawn = drawn_out(schedule)
-    return {
+    members: dict[str, Any] = {
         "format": "dualarm.report/1",
         "robot": schedule.robot.name,
         "cycle_time": schedule.duration,
@@ -90,6 +91,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "settings": dict(schedule.provenance.settings),
         "notes": [*cell_notes(job), *schedule.notes],
     }
+    return cast(Report, members)
 
 
 def _kind_rows(section: str, schedule: Schedule, job: Job) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from dualarm_cli import UsageError, sweep
 from dualarm_cli.cli.run import run
 from dualarm_cli.cli.sweep import exit_code
 from dualarm_cli.evaluation import crew
@@ -105,6 +106,12 @@ def test_a_study_is_planned_ranked_and_written(folder, here, capsys) -> None:
     captured = capsys.readouterr()
     assert captured.out == (folder / "out" / "study.json").read_text()
     assert captured.err == ""
+    said: list[str] = []
+    assert sweep("study.yaml", progress=said.append) == document
+    assert said[-1] == f"6 of 6 points, best cycle time {rows[0]['cycle_time']:.3f} s"
+    for wrong in ({"budget": 0}, {"processes": 0}):
+        with pytest.raises(UsageError, match="must be at least 1"):
+            sweep("study.yaml", **wrong)
 
 
 def test_points_without_a_plan_do_not_stop_others(folder, here, capsys) -> None:
