@@ -13,7 +13,6 @@ from dualarm_cli.evaluation import crew
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.model.study import Point, Study
-from dualarm_cli.report.printable import printable
 from dualarm_cli.studies import search
 from dualarm_cli.studies.document import study_document
 from dualarm_cli.studies.requests import check_settings
@@ -55,8 +54,7 @@ def sweep(
         desk = search.Desk(workers.run, None if cache is None else Store(Path(cache)))
         desk.tell = lambda state: tell(_progress_text(state))
         rows, reference = evaluated_points(loaded, points, method, desk)
-    document: dict[str, Any] = printable(study_document(loaded, rows, reference, method))
-    return document
+    return study_document(loaded, rows, reference, method)
 
 
 def _progress_text(state: search.Progress) -> str:
