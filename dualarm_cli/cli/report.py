@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -36,6 +36,15 @@ def report_command(
         Path, typer.Argument(help="Folder of a plan, or a schedule file.", show_default=False)
     ],
     tasks: PlanTasksOption = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            "--video",
+            metavar="FILE",
+            help="Write the motion in real time as well: .mp4 or .gif. Needs Chromium and ffmpeg.",
+            show_default=False,
+        ),
+    ] = None,
     open_page: OpenOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -45,6 +54,10 @@ def report_command(
     from dualarm_cli.model.schedule import ScheduleRobot
     from dualarm_cli.verification.robot_checks import USABLE, check_robot, unusable
 
+    if video is not None:
+        from dualarm_cli.page.video import refuse_video
+
+        refuse_video(video)
     schedule = read_schedule(plan)
     folder = plan if plan.is_dir() else plan.parent
     file = tasks if tasks is not None else tasks_of(schedule, folder)
@@ -60,12 +73,30 @@ def report_command(
     page = judged.write_page(folder)
     if not quiet:
         print_message(f"written: {page}")
+    if video is not None:
+        _write_video(page, video, quiet)
     if open_page:
         show_page(page)
     if not judged.verified:
         failed = ", ".join(check.name for check in failures)
         print_message(f"verification: FAILED: {failed}; `dualarm verify` has details")
         raise typer.Exit(1)
+
+
+def _write_video(page: Path, video: Path, quiet: bool) -> None:
+    """Write the video of a page, with a counter of its frames."""
+    from dualarm_cli.cli.parts.output import stderr_console
+    from dualarm_cli.page.video import write_video
+
+    with stderr_console().status("starting Chromium") if not quiet else nullcontext() as status:
+
+        def progress(done: int, count: int) -> None:
+            if status is not None:
+                status.update(f"drawing frame {done} of {count}")
+
+        write_video(page, video, progress)
+    if not quiet:
+        print_message(f"written: {video}")
 
 
 def tasks_of(schedule: Schedule, folder: Path) -> Path:

@@ -42,12 +42,26 @@ tr[tabindex]:hover {{ background: color-mix(in srgb, currentColor 12%, transpare
 tr.left > :first-child::before {{ content: "◧ " }}
 tr.right > :first-child::before {{ content: "◨ " }}
 tr.left, tr.right, tr.alone {{ background: color-mix(in srgb, currentColor 8%, transparent) }}
+#axis {{ display: block; width: 100%; margin-top: 6px; cursor: crosshair }}
+#axis text {{ font-size: 11px; fill: currentColor }}
+#axis rect {{ fill: #aab3bf }}
+#axis .wait {{ fill: #8a94a155 }}
+#axis .pick {{ fill: #07c679 }}
+#axis .place {{ fill: #592b65; stroke: #8886 }}
+#axis .give {{ fill: #490b0e; stroke: #8886 }}
+#axis .take {{ fill: #93e768 }}
+#axis .path {{ fill: #e8cf11 }}
+#axis .seam {{ fill: #97491c }}
+#axis .tool {{ fill: #2320a0; stroke: #8886 }}
+#axis line {{ stroke: #8888 }}
+#axis .cursor {{ stroke: #c4004f; stroke-width: 1.5 }}
 </style>
 </head>
 <body>
 <header>
 <details open><summary>{sentence}</summary>
 {tables}</details>
+<svg id="axis" role="img" aria-label="Both plans on one time axis"></svg>
 </header>
 <script type="application/json" id="ends">{ends}</script>
 {plans}
@@ -65,7 +79,7 @@ function open(numbers) {{
     const frame = document.createElement("iframe");
     frame.title = `plan ${{plan + 1}}`;
     frame.srcdoc = before + plans[plan].textContent + after;
-    return {{ plan, frame, shown: null }};
+    return {{ plan, frame, shown: null, data: JSON.parse(plans[plan].textContent) }};
   }});
   former.filter((old) => !frames.includes(old)).forEach((old) => old.frame.remove());
   document.body.append(...frames.map((one) => one.frame).filter((frame) => !frame.isConnected));
@@ -75,7 +89,67 @@ function open(numbers) {{
     row.className = places[at] ?? "";
   }});
   fit();
+  draw();
 }}
+
+const WIDTH = 1200, LEFT = 118, ROW = 13;
+const axis = document.getElementById("axis");
+const longest = () => Math.max(...frames.map((one) => one.data.duration));
+const along = (at) => LEFT + ((WIDTH - LEFT - 12) * at) / longest();
+const add = (tag, properties, text = "", parent = axis) => {{
+  const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  Object.entries(properties).forEach(([name, value]) => node.setAttribute(name, value));
+  node.textContent = text;
+  return parent.appendChild(node);
+}};
+
+/** Names the class of a segment's bar: what is done, or nothing for transfers. */
+function family({{ kind, action }}) {{
+  if (["wait", "path", "seam"].includes(kind)) return kind;
+  return ["transfer", "return"].includes(kind) ? "" : action.replace(/^(take|leave)_tool$/, "tool");
+}}
+
+/** Draws what the arms of the shown plans do, below each other on one time axis. */
+function draw() {{
+  axis.replaceChildren();
+  let y = 14;
+  const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500].find((length) => longest() / length <= 16) ?? 1000;
+  for (let at = 0; at <= longest() + 1e-9; at += step) {{
+    add("text", {{ x: along(at), y: 9, "text-anchor": "middle" }}, String(Number(at.toFixed(1))));
+  }}
+  frames.forEach(({{ data: {{ segments = [], duration, title }} }}, k) => {{
+    add("text", {{ x: 0, y: y + ROW - 3 }}, `${{frames.length > 1 ? "◧◨"[k] : ""}} ${{duration.toFixed(3)}} s`.trim());
+    for (const arm of new Set(segments.map((segment) => segment.arm))) {{
+      add("text", {{ x: LEFT - 6, y: y + ROW - 3, "text-anchor": "end" }}, arm);
+      for (const segment of segments.filter((row) => row.arm === arm)) {{
+        const kind = family(segment), low = kind === "" || kind === "wait";
+        const width = Math.max(along(segment.end) - along(segment.start) - 0.5, 0.5);
+        const [top, height] = low ? [y + 5, ROW - 7] : [y, ROW - 2];
+        const bar = add("rect", {{ x: along(segment.start), width, y: top, height, class: kind }});
+        add("title", {{}}, `${{title}}: ${{arm}}, ${{segment.kind}} ${{segment.task}}`, bar);
+      }}
+      y += ROW;
+    }}
+    add("line", {{ x1: along(duration), x2: along(duration), y1: 10, y2: y }});
+    y += 4;
+  }});
+  axis.setAttribute("viewBox", `0 0 ${{WIDTH}} ${{y}}`);
+  add("line", {{ class: "cursor", y1: 10, y2: y }});
+  mark();
+}}
+
+/** Moves the cursor of the common axis. */
+function mark() {{
+  const cursor = axis.querySelector(".cursor");
+  ["x1", "x2"].forEach((end) => cursor?.setAttribute(end, along(Math.min(time, longest()))));
+}}
+axis.addEventListener("click", (event) => {{
+  const box = axis.getBoundingClientRect();
+  const at = ((event.clientX - box.left) / box.width) * WIDTH;
+  time = Math.min(Math.max((at - LEFT) / (WIDTH - LEFT - 12), 0), 1) * longest();
+  if (frames.every((one) => clock(one)?.ready)) frames.forEach((one) => show(one, time));
+  mark();
+}});
 
 /** Zooms pages out that are narrower than their minimum width. */
 function fit() {{
@@ -91,11 +165,13 @@ const show = (one, at) => {{
 }};
 setInterval(() => {{
   if (!frames.every((one) => clock(one)?.ready)) return;
+  frames.forEach((one) => clock(one).align(longest(), clock(frames[0]).joints));
   const led = frames.find((one) => one.shown !== null && Math.abs(clock(one).time - one.shown) > 1e-9);
   if (led) time = led.shown = clock(led).time;
   frames.forEach((one) => {{
     if ((led && one !== led) || one.shown === null) show(one, time);
   }});
+  mark();
 }}, 30);
 
 /** Shows a row's plan next to its reference plan, or moves both plans to the row's stage. */

@@ -14,6 +14,7 @@ import { begin, largePlayButton } from "./playing.js";
 import { compose, forwardKinematics } from "./poses.js";
 import { ReportView } from "./report_view.js";
 import { Scene } from "./scene.js";
+import { still } from "./still.js";
 import { Timeline } from "./timeline.js";
 import { Transport } from "./transport.js";
 import { positionsAt } from "./trajectory.js";
@@ -21,6 +22,8 @@ import { fixed, millimetres, seconds } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 
+/** Size of a saved picture [px]. */
+const PICTURE = { width: 1920, height: 1080 };
 /** Steps of the arrow keys [s]. */
 const SMALL_STEP = 0.05;
 const LARGE_STEP = 0.5;
@@ -54,10 +57,11 @@ function start(root) {
   );
   layout.apply();
 
+  const stillOf = (/** @type {Scene} */ shown, /** @type {{width: number, height: number}} */ size) => still(plan, shown, (arm) => transport.workOf(arm), size);
   const scene = makeScene(plan, stage);
   if (scene) {
     viewer.append(largePlayButton(clock));
-    viewBar.append(...viewButtons(scene, plan));
+    viewBar.append(...viewButtons(scene, () => save(stillOf(scene, PICTURE).toDataURL(), `${plan.title}.png`)));
     clock.onChange(() => scene.setTime(clock.time));
     nameSolids(scene, stage);
   }
@@ -75,7 +79,11 @@ function start(root) {
   listenToKeys(commands);
   printLight(theme, timeline, scene);
   run(clock);
-  expose(plan, clock);
+  expose(plan, clock, timeline, scene && ((time, width, height) => {
+    clock.pause();
+    clock.setTime(time);
+    return stillOf(scene, { width, height }).toDataURL("image/jpeg", 0.92);
+  }));
   begin(clock);
 }
 
@@ -116,8 +124,8 @@ function makeScene(plan, stage) {
   }
 }
 
-/** Create the buttons of the 3-D view. @param {Scene} scene @param {Plan} plan @returns {Node[]} */
-function viewButtons(scene, plan) {
+/** Create the buttons of the 3-D view. @param {Scene} scene @param {() => void} savePicture @returns {Node[]} */
+function viewButtons(scene, savePicture) {
   const from = /** @type {(x: number, y: number, z: number) => () => void} */ ((x, y, z) => () => scene.fit([x, y, z]));
   return [
     button("fit", "Fit the whole cell into the view (f)", () => scene.fit()),
@@ -129,7 +137,7 @@ function viewButtons(scene, plan) {
     toggle("closest", "Closest pairs", true, (on) => scene.show("pair", on)),
     toggle("skeleton", "Joints and links as a skeleton", false, (on) => scene.show("skeleton", on)),
     toggle("checked", "The shapes that collisions are checked with, in place of the drawings", false, (on) => scene.show("checked", on)),
-    button("picture", "Save this view as a picture (PNG)", () => save(scene.picture(), `${plan.title}.png`)),
+    button("picture", "Save this view as a picture (PNG)", savePicture),
   ];
 }
 
@@ -241,9 +249,18 @@ function run(clock) {
  * Expose the page to tests and to the console of the browser.
  * @param {Plan} plan
  * @param {Clock} clock
+ * @param {Timeline} timeline
+ * @param {((time: number, width: number, height: number) => string) | null} frame draws a still as a data URL
  */
-function expose(plan, clock) {
+function expose(plan, clock, timeline, frame) {
   const page = {
+    duration: plan.duration,
+    ...(frame && { frame }),
+    get joints() {
+      return timeline.joints;
+    },
+    /** Show as much time, and the same joints, as a plan beside this one. */
+    align: (/** @type {number} */ longest, /** @type {string[]} */ joints) => timeline.align(longest, joints),
     get time() {
       return clock.time;
     },

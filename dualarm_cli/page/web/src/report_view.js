@@ -1,4 +1,4 @@
-// Tabs with the panels of the report; on paper all panels are shown.
+// Tabs with the panels of the report; on paper the overview and the open panel are shown.
 
 import { element } from "./dom.js";
 import { checks, limits, notes, overview, stages, waits } from "./panels.js";
@@ -24,7 +24,7 @@ export class ReportView {
     this.plan = plan;
     const go = (/** @type {number} */ time) => clock.setTime(time);
     this.panels = TABS.map(({ name, panel }) =>
-      element("div", { class: "panel", role: "tabpanel", "aria-label": name }, element("h2", {}, name), ...panel(plan, go)),
+      element("div", { class: `panel panel-${name.toLowerCase()}`, role: "tabpanel", "aria-label": name }, element("h2", {}, name), ...panel(plan, go)),
     );
     this.tabs = TABS.map(({ name }, i) =>
       element("button", { type: "button", role: "tab", onclick: () => this.select(i) }, name),

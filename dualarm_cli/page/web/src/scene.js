@@ -34,6 +34,8 @@ const CASTS = 1;
 const SHADED = 0.1;
 /** Maximum number of pixels of a still frame. */
 const MAX_PIXELS = 8e6;
+/** Rendered pixels per pixel of a still. */
+const SMOOTHING = 2;
 /** Time without motion after which a still frame is drawn at full resolution [ms]. */
 const STILL = 300;
 
@@ -232,6 +234,29 @@ export class Scene {
   picture() {
     this.draw();
     return this.renderer.domElement.toDataURL();
+  }
+
+  /**
+   * Draw the current view into another canvas, smoothed.
+   * @param {CanvasRenderingContext2D} g
+   * @param {number} width px
+   * @param {number} height px
+   */
+  drawInto(g, width, height) {
+    const size = this.renderer.getSize(new THREE.Vector2());
+    const { ratio } = this;
+    const { aspect } = this.camera;
+    this.setRatio(SMOOTHING);
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.draw();
+    g.drawImage(this.renderer.domElement, 0, 0, width, height);
+    this.setRatio(ratio);
+    this.renderer.setSize(size.x, size.y, false);
+    this.camera.aspect = aspect;
+    this.camera.updateProjectionMatrix();
+    this.request();
   }
 
   /** Compute the pixel ratio of still frames: 2, less on very large screens. */

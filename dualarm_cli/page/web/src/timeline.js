@@ -88,6 +88,23 @@ export class Timeline {
     this.rebuild();
   }
 
+  /**
+   * Show a time axis of a length, and the curves of joints that this robot has.
+   * @param {number} longest s
+   * @param {string[]} joints
+   */
+  align(longest, joints) {
+    if (this.timeWindow.duration !== longest) {
+      this.timeWindow.duration = longest;
+      this.timeWindow.showAll();
+    }
+    const known = joints.filter((name) => this.plan.joints.some((joint) => joint.name === name));
+    if (known.length === 0 || known.join() === this.joints.join()) return;
+    this.joints = known;
+    for (const node of this.choices.querySelectorAll(".joint")) node.setAttribute("aria-pressed", String(known.includes(node.dataset.joint)));
+    this.rebuild();
+  }
+
   makeLegend() {
     const used = new Set(this.gantt.rows.flatMap((row) => row.bars.map((b) => `${b.kind} ${b.family}`)));
     const kinds = new Set(this.gantt.rows.flatMap((row) => row.bars.map((b) => b.kind)));

@@ -134,11 +134,15 @@ export class Transport {
     if (key === this.statusKey) return;
     this.statusKey = key;
     const rows = armsOf(this.plan).map((arm) => {
-      const segment = now[arm];
-      const text = segment ? this.segmentText(segment) : "–";
-      return element("div", {}, element("b", { class: `arm-${arm}` }, arm), text);
+      return element("div", {}, element("b", { class: `arm-${arm}` }, arm), this.workOf(arm));
     });
     this.status.replaceChildren(...rows);
+  }
+
+  /** Describe what an arm does now. @param {string} arm */
+  workOf(arm) {
+    const segment = segmentsAt(this.plan, this.clock.time)[arm];
+    return segment ? this.segmentText(segment) : "–";
   }
 
   /** @param {import("./types.js").Segment} segment */
