@@ -93,8 +93,8 @@ def refuse_video(video: Path) -> None:
         raise UsageError(f"--video: {video.name} must end in {' or '.join(FORMS)}")
     missing = [
         name
-        for name, found in (("Chromium", _browser()), ("ffmpeg", shutil.which("ffmpeg")))
-        if not found
+        for name, program in (("Chromium", _browser()), ("ffmpeg", shutil.which("ffmpeg")))
+        if not program
     ]
     if missing:
         raise UsageError(
@@ -186,8 +186,8 @@ def _browsing(page: Path) -> Iterator[Callable[[str], Any]]:
             session = pipe.call("Target.attachToTarget", named)["sessionId"]
 
             def evaluate(expression: str) -> Any:
-                asked = {"expression": expression, "returnByValue": True, "awaitPromise": True}
-                return pipe.call("Runtime.evaluate", asked, session)["result"].get("value")
+                request = {"expression": expression, "returnByValue": True, "awaitPromise": True}
+                return pipe.call("Runtime.evaluate", request, session)["result"].get("value")
 
             until = time.monotonic() + ANSWER_LIMIT
             while not evaluate("window.dualarm?.ready && window.dualarm.frame !== undefined"):
