@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         explain,
     )
     from dualarm_cli.explanations import Explanation
+    from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.interface import Plan, compare, compare_solvers, load, plan, verify
     from dualarm_cli.interface.exporting import Export, export
     from dualarm_cli.interface.many_plans import plan_many
@@ -63,6 +64,7 @@ __all__ = [
     "plan",
     "plan_many",
     "reach",
+    "read_schedule",
     "sweep",
     "verify",
 ]
@@ -81,6 +83,7 @@ _HOMES = {
     **dict.fromkeys(("Export", "export"), "dualarm_cli.interface.exporting"),
     **dict.fromkeys(("inverse_kinematics", "reach"), "dualarm_cli.interface.reaching"),
     "plan_many": "dualarm_cli.interface.many_plans",
+    "read_schedule": "dualarm_cli.exporting.schedule_reader",
     **dict.fromkeys(
         ("Plan", "compare", "compare_solvers", "load", "plan", "verify"), "dualarm_cli.interface"
     ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +42,7 @@ PUBLIC = {
     "plan": "job platform redundancy timing blend effort seed time_limit progress",
     "plan_many": "jobs processes progress options",
     "reach": "robot height tilt step",
+    "read_schedule": "path",
     "sweep": "study budget seed processes cache progress",
     "verify": "schedule job clearance",
 }
@@ -263,12 +265,16 @@ def test_solvers_are_compared_as_by_the_command(found: Plan) -> None:
     assert [row["cycle_time"] for row in mine] == [row["cycle_time"] for row in others]
 
 
-def test_the_notebook_runs(tmp_path: Path) -> None:
-    """As a script, from start to end, with its figure."""
+@pytest.mark.parametrize(
+    ("script", "result"),
+    [("curves.py", "curves.png"), ("replan.py", "last-plan/report.json"), ("layouts.py 3", "")],
+)
+def test_scripts_of_the_docs_run(script: str, result: str, tmp_path: Path) -> None:
+    """From start to end, in an empty folder, on a few layouts."""
+    name, *arguments = script.split()
     environment = {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT), "PATH": ""}
-    script = ROOT / "docs" / "notebook.py"
     done = subprocess.run(
-        [sys.executable, script],
+        [sys.executable, ROOT / "docs" / "scripts" / name, *arguments],
         cwd=tmp_path,
         env=environment,
         capture_output=True,
@@ -276,5 +282,44 @@ def test_the_notebook_runs(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count(" s\n") == 3
-    assert (tmp_path / "notebook.png").stat().st_size > 10_000
+    assert " s" in done.stdout
+    assert (tmp_path / result).exists()
+
+
+def test_the_docs_import_public_names_only() -> None:
+    """Of the package itself, in pages and scripts; what makes the pages is not meant."""
+    texts = [
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "docs" / "scripts").glob("*.py"),
+        ROOT / "README.md",
+    ]
+    for path in texts:
+        for line in re.findall(
+            r"^ *(?:from|import) (dualarm_cli.*)$", path.read_text(), re.MULTILINE
+        ):
+            names = re.fullmatch(r"dualarm_cli import ([\w, ]+)", line)
+            assert names is not None, f"{path.name}: {line}"
+            assert {name.strip() for name in names[1].split(",")} <= {*dualarm_cli.__all__}, line
+
+
+@pytest.mark.slow
+def test_a_strict_type_checker_sees_types(tmp_path: Path) -> None:
+    """Of the public names and of a report's members, outside the source tree."""
+    (tmp_path / "mine.py").write_text(
+        "from dualarm_cli import load, plan\n"
+        "report = plan(load('tasks.yaml')).report\n"
+        "reveal_type(report['stages'][0]['bottleneck'])\n"
+        "report['cycletime']\n"
+    )
+    environment = {"MYPYPATH": str(ROOT), "PATH": "", "HOME": str(tmp_path)}
+    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports", "silent", "mine.py"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert re.search(r'Revealed type is "(builtins\.)?str"', done.stdout), done.stdout
+    assert """has no key "cycletime""" in done.stdout
+
+
+def test_the_package_says_that_it_has_types() -> None:
+    """`py.typed`, without which type checkers take each name for Any."""
+    assert (ROOT / "dualarm_cli" / "py.typed").is_file()

@@ -40,7 +40,7 @@ UNIT_TOLERANCE = 1e-6
 """Tolerance on the length of a unit quaternion."""
 
 
-def read_schedule(path: Path) -> Schedule:
+def read_schedule(path: str | Path) -> Schedule:
     """Read a schedule from a file, or from a folder's `schedule.json`.
 
     NaN in a trajectory, unsorted times and broken limits are read as they are: they are findings, not crashes.
@@ -49,6 +49,7 @@ def read_schedule(path: Path) -> Schedule:
     Raises:
         InputError: no such file, not JSON, or a member that cannot be understood, with its path.
     """
+    path = Path(path)
     file = path / "schedule.json" if path.is_dir() else path
     reader = _Reader(str(file))
     document = reader.document(file, tables=("motion",))
