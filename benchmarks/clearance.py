@@ -87,9 +87,9 @@ def _by_coal(
 def plans(name: str, job: Job) -> None:
     """Prints how long a job is planned unchecked and clear, what it costs in cycle time, and what is proven."""
     times, cycles = [], []
-    for clear in (False, True):
+    for check_collisions in (False, True):
         begin = perf_counter()
-        schedule = plan_without_bound(job, PlanSettings(), clear=clear)
+        schedule = plan_without_bound(job, PlanSettings(), check_collisions=check_collisions)
         times.append(perf_counter() - begin)
         cycles.append(schedule.duration)
     begin = perf_counter()

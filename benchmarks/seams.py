@@ -143,7 +143,7 @@ def _problem(job: Job, work: SeamWork, effort: str, seed: int) -> SeamProblem:
         seed=seed,
         transfer_times=None,
         can_continue=None,
-        clear=None,
+        is_free=None,
     )
 
 

@@ -40,7 +40,7 @@ def times(job: Job, effort: str) -> dict[str, float]:
         begin = time.perf_counter()
         try:
             schedule = plan_without_bound(
-                job, PlanSettings(platform=method, effort=effort), clear=False
+                job, PlanSettings(platform=method, effort=effort), check_collisions=False
             )
         except InfeasibleError:
             row[method] = float("inf")
@@ -110,7 +110,7 @@ def times_that_serve(job: Job, effort: str) -> dict[str, float]:
     for method in ("sequence", *SIMPLER):
         try:
             schedule = plan_without_bound(
-                job, PlanSettings(platform=method, effort=effort), clear=False
+                job, PlanSettings(platform=method, effort=effort), check_collisions=False
             )
         except UnsupportedError:
             continue
@@ -121,12 +121,14 @@ def times_that_serve(job: Job, effort: str) -> dict[str, float]:
 def growth(stages: list[int], effort: str) -> None:
     """Planning time and memory by number of stages; the default method with the bound."""
     plan_without_bound(
-        random_job(0, 2, free_yaw=False, lines=True), PlanSettings(effort=effort), clear=False
+        random_job(0, 2, free_yaw=False, lines=True),
+        PlanSettings(effort=effort),
+        check_collisions=False,
     )
     for count in stages:
         job = repeated(random_job(0, 24, free_yaw=False, lines=True), count)
         begin = time.perf_counter()
-        schedule = plan_without_bound(job, PlanSettings(effort=effort), clear=False)
+        schedule = plan_without_bound(job, PlanSettings(effort=effort), check_collisions=False)
         middle = time.perf_counter()
         bound = job_bound(job, effort).value
         end = time.perf_counter()

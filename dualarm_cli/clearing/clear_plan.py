@@ -49,7 +49,7 @@ def quickest_clear(
     timing: TimingSolver,
     progress: Callable[[str], None],
     *,
-    clear: bool = True,
+    check_collisions: bool = True,
     alone: str | None = None,
 ) -> ClearedPlan:
     """Plan a job without collisions, blended where the problem allows it.
@@ -62,14 +62,14 @@ def quickest_clear(
         solve: the method.
         timing: solver that times motions.
         progress: receives a message at the beginning of each step.
-        clear: whether collisions are checked.
+        check_collisions: whether collisions are checked.
         alone: the only arm that is checked, ignoring the other arm; None for all arms.
 
     Raises:
         InfeasibleError: no posture reaches a target, or every plan collides.
     """
     holding = None
-    if clear:
+    if check_collisions:
         # Colliding grips have no plan: refuse them before the search.
         holding = Holding.of(problem.job, alone=alone)
         if faults := grip_faults(problem.job):
@@ -100,14 +100,14 @@ def quickest_for_stops(
     timing: TimingSolver,
     progress: Callable[[str], None],
     *,
-    clear: bool = True,
+    check_collisions: bool = True,
 ) -> ClearedPlan:
     """Plan a job with stops at every line end, then blend it if allowed.
 
     The parameters are those of `quickest_clear`; blending keeps the final posture.
     """
     stopping = replace(problem, blending=STOPPING)
-    plan = quickest_clear(stopping, solve, timing, progress, clear=clear)
+    plan = quickest_clear(stopping, solve, timing, progress, check_collisions=check_collisions)
     if not problem.blends:
         return plan
     progress("blending lines and transfers")

@@ -55,7 +55,7 @@ VIA = ViaSettings()
 
 
 def quickest_stop(
-    context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
+    context: StageContext, name: str, is_free: Callable[[StageSamples], bool], with_other: bool
 ) -> StagePlan | None:
     """Find the quickest via point at which an arm stops and is collision-free; return its stage, or None."""
     start, goal, posture = _drawn(context, name)
@@ -77,7 +77,7 @@ def quickest_stop(
         detour = Detour(posture[k : k + 1], stops=True)
         motions = {**context.motions, name: context.detoured(name, detour)}
         stage = combined(context.model, context.samples, motions, {})
-        if len(stage.position) < shortest and clear(stage):
+        if len(stage.position) < shortest and is_free(stage):
             shortest = len(stage.position)
             best = replace(context.plan, detours={**context.plan.detours, name: detour})
     return best
@@ -95,7 +95,7 @@ def _drawn(context: StageContext, name: str) -> tuple[FloatArray, FloatArray, Fl
 
 
 def quickest_curve(
-    context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
+    context: StageContext, name: str, is_free: Callable[[StageSamples], bool], with_other: bool
 ) -> StagePlan | None:
     """Find the fastest collision-free curve of one arm's transfer; None if none is found.
 
@@ -105,7 +105,7 @@ def quickest_curve(
     Args:
         context: the stage.
         name: the arm.
-        clear: collision check of the stage with a curve.
+        is_free: collision check of the stage with a curve.
         with_other: whether clearance to the other arm counts in the optimisation.
     """
     arm, arm_motion = context.model.arms[name], context.motions[name]
@@ -131,13 +131,13 @@ def quickest_curve(
             stage = combined(
                 context.model, context.samples, {**context.motions, name: timed[-1]}, {}
             )
-            if clear(stage):
+            if is_free(stage):
                 return replace(context.plan, detours={**context.plan.detours, name: detour})
         if not timed:
             break
         # The timed curve improves the estimate of the simultaneous motion.
         arm_motion, points = timed[0], curve(start, curves[0], goal, next_samples)
-    return quickest_stop(context, name, clear, with_other)
+    return quickest_stop(context, name, is_free, with_other)
 
 
 @dataclass(frozen=True)
@@ -310,11 +310,11 @@ class Clearing:
             if name in context.plan.detours:
                 return None
 
-            def clear(stage: StageSamples, a: int = a) -> bool:
+            def is_free(stage: StageSamples, a: int = a) -> bool:
                 return alone_clear(cell, stage, a)
 
             self.tried.add("detours")
-            return quickest_curve(context, name, clear, with_other=False)
+            return quickest_curve(context, name, is_free, with_other=False)
         if apart(cell, samples):
             return context.plan
         if context.plan.waits:
@@ -330,12 +330,12 @@ class Clearing:
             return delayed
         candidates = [delayed] if delayed is not None else []
 
-        def clear(stage: StageSamples) -> bool:
+        def is_free(stage: StageSamples) -> bool:
             return is_clear(context.cell, stage)
 
         free = [name for name in context.cell.arms if name not in context.plan.detours]
         self.tried.update(["detours"] if free else [])
-        curves = (quickest_curve(context, name, clear, with_other=True) for name in free)
+        curves = (quickest_curve(context, name, is_free, with_other=True) for name in free)
         candidates += [candidate for candidate in curves if candidate is not None]
         candidates = [candidate for candidate in candidates if self._within_cap(candidate)]
         if not candidates:

@@ -66,7 +66,7 @@ class SectionTools:
     """Timing solver of transfers and lines."""
     progress: Callable[[str], None]
     """Receiver of progress messages."""
-    clear: bool
+    check_collisions: bool
     """Whether collisions are checked."""
     done: tuple[Task, ...]
     """Tasks of the sections before."""
@@ -77,9 +77,9 @@ class SectionTools:
         limits = problem.job.limits
         duration = float(limits.law.duration(goal - start))
         stage = StagePlan(start, goal, goal, {}, "transfer", duration)
-        return quickest_clear(
-            problem, lambda _: Decided([stage]), self.timing, self.progress, clear=self.clear
-        )
+        timing, progress, check = self.timing, self.progress, self.check_collisions
+        decided = Decided([stage])
+        return quickest_clear(problem, lambda _: decided, timing, progress, check_collisions=check)
 
     def part(self, tasks: tuple[Task, ...], start: FloatArray | None) -> MethodProblem:
         """Restrict the problem to some tasks and a start, None for any start."""

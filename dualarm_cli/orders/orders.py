@@ -103,7 +103,14 @@ class PairedSearch:
 
     @classmethod
     def of(
-        cls, model: CellModel, job: Job, effort: str, seed: int, watch: Watch, *, clear: bool
+        cls,
+        model: CellModel,
+        job: Job,
+        effort: str,
+        seed: int,
+        watch: Watch,
+        *,
+        check_collisions: bool,
     ) -> PairedSearch:
         """Build the search of a job.
 
@@ -113,13 +120,13 @@ class PairedSearch:
             effort: one of EFFORTS.
             seed: random seed.
             watch: receives progress.
-            clear: whether to check postures for collisions with the cell, and arms at their stops with each other.
+            check_collisions: whether to check postures with the cell, and arms at their stops with each other.
 
         Raises:
             InfeasibleError: a task that no arm reaches.
         """
         watch.report("timing each task at every platform angle")
-        order = OrderModel.of(model, job, clear=clear)
+        order = OrderModel.of(model, job, check_collisions=check_collisions)
         check_reach(order)
         stages = stage_model(order)
         whole = stages.problem

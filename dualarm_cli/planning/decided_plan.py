@@ -52,7 +52,8 @@ def decided_plan(
     )
     watch.report(f"deciding platform angles and postures ({work.method.name})")
     quickest = next((kind.quickest for kind in work.kinds if kind.quickest), quickest_clear)
-    cleared = quickest(problem, work.method.solve, work.timing, watch.report, clear=work.clear)
+    solve, check = work.method.solve, work.check_collisions
+    cleared = quickest(problem, solve, work.timing, watch.report, check_collisions=check)
     stages, motion = cleared.cleared.plans, cleared.cleared.motion
     notes = (
         *job.notes,

@@ -44,15 +44,15 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
         InfeasibleError: neither is possible.
     """
     problem, settings, effort = work.problem, work.settings, work.effort
-    planner = FreePlanner(problem, work.method.solve, work.timing, watch.report, work.clear)
+    check = work.check_collisions
+    planner = FreePlanner(problem, work.method.solve, work.timing, watch.report, check)
     watch.begin()
     watch.report("timing each task at every platform angle")
-    order = OrderModel.of(problem.model, problem.job, clear=planner.clear)
+    order = OrderModel.of(problem.model, problem.job, check_collisions=check)
     check_reach(order)
     orders = free_orders(order, settings.effort, settings.seed, watch)
-    turns = bool(problem.model.platform_columns)
+    turns, total = bool(problem.model.platform_columns), np.inf
     best: Schedule | None = None
-    total = np.inf
     for number, candidate in enumerate(_worth_planning(orders, effort)):
         most = 1 if len(candidate.job.tasks) > effort.trials.long else effort.clocks.planned
         if best is not None and (watch.stop() or number >= most):

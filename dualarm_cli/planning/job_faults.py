@@ -56,7 +56,7 @@ def job_faults(
     job: Job,
     model: CellModel | None = None,
     *,
-    clear: bool = True,
+    check_collisions: bool = True,
     rules: RoomRules | None = None,
 ) -> list[Refusal]:
     """List all proven reasons why a job is impossible, by file and line.
@@ -66,21 +66,21 @@ def job_faults(
     Args:
         job: of a file, with its lines as long as they have to be straight.
         model: its cell with closed forms; None to measure it.
-        clear: whether anything has to be collision-free.
+        check_collisions: whether collisions are checked.
         rules: of its parts' rooms, where they are at hand.
     """
     try:
         model = model or CellModel.from_cell(job.cell)
     except UnsupportedError:
         return []
-    refusals = (rules or RoomRules.of(job)).faults() if clear else []
+    refusals = (rules or RoomRules.of(job)).faults() if check_collisions else []
     try:
         job = with_needs(job) if job.is_decided and job.mode == "paired" else with_changes(job)
     except InfeasibleError as error:
         refusals += error.refusals
-    faults = _Faults(model, job, clear)
+    faults = _Faults(model, job, check_collisions)
     refusals += [*faults.of_tasks(), *faults.of_sections()]
-    if clear:
+    if check_collisions:
         waiting = lying_throughout(job, (), ())
         empty = replace(job, tasks=(), pairing=None, lying=waiting)
         refusals += start_faults(job, Holding.of(empty))
@@ -100,7 +100,7 @@ class _Faults:
     """The job's cell, with all closed forms."""
     job: Job
     """The job with its tool changes."""
-    clear: bool
+    check_collisions: bool
     """Flag of plans that have to be collision-free."""
 
     @cached_property
@@ -185,7 +185,7 @@ class _Faults:
         """Return the proven reason against a stop of an arm, or None."""
         if cause := self._unreached(arm, task, stop):
             return _impossible("stop_impossible", arm, task, stop, cause)
-        if not self.clear or stop.moves:
+        if not self.check_collisions or stop.moves:
             return None
         obstacle = too_near_obstacle(self.job.cell, arm, task, stop)
         return None if obstacle is None else reaches_into(task, stop, arm, *obstacle)

@@ -66,14 +66,14 @@ def _in_best_order(
         return schedule
 
     wanted = partial(PairedSearch.of, work.model, job, settings.effort, settings.seed, watch)
-    search = wanted(clear=work.clear)
+    search = wanted(check_collisions=work.check_collisions)
     try:
         orders = search.orders(watch)
     except InfeasibleError as error:
-        if not work.clear or error.refusals[0].what != NO_ORDER_FOUND:
+        if not work.check_collisions or error.refusals[0].what != NO_ORDER_FOUND:
             raise
         try:
-            orders = wanted(clear=False).orders(watch)
+            orders = wanted(check_collisions=False).orders(watch)
         except InfeasibleError:
             raise error from None
         # Collisions at stops exclude every order: planning one shows which bodies collide.

@@ -47,7 +47,7 @@ class PlannedJob:
     """Timing of transfers and lines."""
     kinds: tuple[KindPlanning, ...]
     """Kinds of work among the tasks."""
-    clear: bool
+    check_collisions: bool
     """Flag of plans that have to be collision-free."""
 
     @property
@@ -98,13 +98,13 @@ class PlannedJob:
         return replace(self, settings=replace(self.settings, effort=effort))
 
 
-def resolve(job: Job, settings: PlanSettings, *, clear: bool = True) -> PlannedJob:
+def resolve(job: Job, settings: PlanSettings, *, check_collisions: bool = True) -> PlannedJob:
     """Resolve a job, or refuse one that no search can plan.
 
     Args:
         job: cell and tasks.
         settings: names of method and solvers, and tunables.
-        clear: whether plans have to be collision-free.
+        check_collisions: whether plans have to be collision-free.
 
     Raises:
         UnknownSolverError: a solver that its family does not have.
@@ -129,14 +129,16 @@ def resolve(job: Job, settings: PlanSettings, *, clear: bool = True) -> PlannedJ
         closed = CellModel.from_cell(job.cell)
     job = BLENDINGS[settings.blend].straight(job)
     kinds = tuple(kinds_of(job))
-    work = PlannedJob(job, settings, tuple(replaced), model, closed, method, timing, kinds, clear)
+    work = PlannedJob(
+        job, settings, tuple(replaced), model, closed, method, timing, kinds, check_collisions
+    )
     if reason := method.why_unsupported(work.problem):
         raise UnsupportedError(f"--platform {method.name} cannot plan {robot.name}: {reason}")
     if job.in_sections:
         check_follower(job, settings.follower)
         if wrong := [fault for kind in kinds for fault in kind.check(job)]:
             raise InputError(wrong)
-    rules = RoomRules.of(job) if clear else None
-    if faults := job_faults(job, closed, clear=clear, rules=rules):
+    rules = RoomRules.of(job) if check_collisions else None
+    if faults := job_faults(job, closed, check_collisions=check_collisions, rules=rules):
         raise InfeasibleError(*faults)
     return work if rules is None else work.with_job(rules.ruled())

@@ -71,7 +71,7 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
 
 
 def plan_without_bound(
-    job: Job, settings: PlanSettings, watch: Watch | None = None, *, clear: bool = True
+    job: Job, settings: PlanSettings, watch: Watch | None = None, *, check_collisions: bool = True
 ) -> Schedule:
     """Plan a job without a lower bound: order, platform angles, postures and motion.
 
@@ -79,7 +79,7 @@ def plan_without_bound(
         job: cell and tasks.
         settings: names of method and solvers, and tunables.
         watch: receives what is being done, and may end a search for orders early.
-        clear: whether anything has to be collision-free; without, methods are compared for their speed alone.
+        check_collisions: whether collisions are checked; without, methods are compared for their speed alone.
 
     Raises:
         UnknownSolverError: a solver that its family does not have.
@@ -88,7 +88,7 @@ def plan_without_bound(
     """
     watch = watch or Watch(limit=settings.time_limit)
     watch.report("reading the robot")
-    return _planned(resolve(job, settings, clear=clear), watch)
+    return _planned(resolve(job, settings, check_collisions=check_collisions), watch)
 
 
 def _planned(work: PlannedJob, watch: Watch) -> Schedule:

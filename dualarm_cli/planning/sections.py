@@ -85,7 +85,7 @@ class SectionPlanner(SectionTools):
             cleared = planner.transfer(position, first)
             record.append(cleared.cleared.motion)
             record.count(cleared)
-        cost = record.cost if self.clear else None
+        cost = record.cost if self.check_collisions else None
         motion = record.build(robot)
         notes = (*record.notes, *clearance_notes(record.cleared))
         return PlannedSections(motion, notes, cost, record.stage_plans)
@@ -101,7 +101,8 @@ class SectionPlanner(SectionTools):
         problem = self._ordered(replace(problem, job=with_levels_after(problem.job, self.done)))
         self.progress("deciding platform angles and postures")
         quickest = quickest_for_stops if self.for_stops else quickest_clear
-        cleared = quickest(problem, self.method, self.timing, self.progress, clear=self.clear)
+        method, timing, check = self.method, self.timing, self.check_collisions
+        cleared = quickest(problem, method, timing, self.progress, check_collisions=check)
         record.append(cleared.cleared.motion)
         record.count(cleared)
         record.stage_plans += cleared.cleared.plans
@@ -112,16 +113,16 @@ class SectionPlanner(SectionTools):
             return problem
         job = own_rules(problem.job)
         watch = Watch(report=self.progress)
-        search = PairedSearch.of(
-            problem.model, job, problem.effort, problem.seed, watch, clear=self.clear
-        )
+        model, effort, check = problem.model, problem.effort, self.check_collisions
+        search = PairedSearch.of(model, job, effort, problem.seed, watch, check_collisions=check)
         return replace(problem, job=search.orders(watch).ranked[0].job)
 
 
 def sections_plan(work: PlannedJob, watch: Watch) -> Schedule:
     """Plan a job with paths or seams, section after section in the order of its tasks."""
+    solve, check = work.method.solve, work.check_collisions
     planner = SectionPlanner(
-        work.problem, work.settings, work.timing, watch.report, work.clear, (), work.method.solve
+        work.problem, work.settings, work.timing, watch.report, check, (), solve
     )
     planned = planner.plan()
     # Sections start where the previous ones end: a faster section may slow down the next.

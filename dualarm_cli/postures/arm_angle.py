@@ -389,7 +389,7 @@ def _first_feasible(batch: StopBatch, coarse: StopCandidates) -> dict[int, StopP
 
 def _with_clear_ends(batch: StopBatch, candidates: StopCandidates) -> StopCandidates:
     """Select candidates that are collision-free at the outer ends of their lines."""
-    if not len(candidates.row) or all(problem.clear is None for problem in batch.problems):
+    if not len(candidates.row) or all(problem.is_free is None for problem in batch.problems):
         return candidates
     ends = candidates.follow(batch, POSTURES.end_samples).q[-1, ..., 0].T
     sides: dict[Place, FloatArray] = {
@@ -398,7 +398,7 @@ def _with_clear_ends(batch: StopBatch, candidates: StopCandidates) -> StopCandid
     }
     is_clear = np.ones(len(candidates.row), dtype=np.bool_)
     for row in distinct(candidates.row).tolist():
-        test = batch.problems[row].clear
+        test = batch.problems[row].is_free
         rows = np.flatnonzero(candidates.row == row)
         for place, q in sides.items() if test is not None else ():
             is_clear[rows] &= test(q[rows], place)
@@ -409,7 +409,7 @@ def _no_lines(batch: StopBatch) -> NoPosture:
     """Give the reason if targets are reached but no line can be followed."""
     if batch.given:
         return NoPosture(Refusal("given_lines_not_followed"))
-    clear = any(problem.clear is not None for problem in batch.problems)
+    clear = any(problem.is_free is not None for problem in batch.problems)
     return NoPosture(Refusal("lines_not_clear" if clear else "lines_not_followed"))
 
 
@@ -451,14 +451,14 @@ def _feasible_postures(
 
 def _is_clear(problem: StopProblem, posture: StopPosture) -> bool:
     """Return whether a posture is collision-free at target and ends of lines."""
-    if problem.clear is None:
+    if problem.is_free is None:
         return True
     places: dict[Place, FloatArray] = {
         "approach": posture.q_approach,
         "target": posture.q_target,
         "retract": posture.q_retract,
     }
-    return all(bool(problem.clear(q[None], place)[0]) for place, q in places.items())
+    return all(bool(problem.is_free(q[None], place)[0]) for place, q in places.items())
 
 
 def _posture(candidates: StopCandidates, followed: FollowedLines, k: int) -> StopPosture:

@@ -53,7 +53,8 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
                 return _quickest_refined(batch, block, k, posture)
     if not clear:
         return NoPosture(Refusal("target_touches"))
-    return NoPosture(Refusal("lines_not_followed" if problem.clear is None else "lines_not_clear"))
+    reason = "lines_not_followed" if problem.is_free is None else "lines_not_clear"
+    return NoPosture(Refusal(reason))
 
 
 def _miss_refusal(miss: FloatArray) -> Refusal:

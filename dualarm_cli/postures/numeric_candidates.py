@@ -137,7 +137,7 @@ def select_clear(batch: StopBatch, candidates: NumericCandidates) -> NumericCand
     """Select candidates without collision at targets and at follow_lines ends of lines."""
     is_clear = np.ones(len(candidates), dtype=np.bool_)
     for row in distinct(candidates.row).tolist():
-        test = batch.problems[row].clear
+        test = batch.problems[row].is_free
         if test is None:
             continue
         clear = np.flatnonzero(candidates.row == row)

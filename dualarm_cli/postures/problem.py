@@ -127,7 +127,7 @@ class StopProblem:
     """Estimated times [s], (k,), of lines q (k, s, n) [rad] over lengths (s,) [m]."""
     refine: bool = True
     """Flag of a posture that is refined between the grid's arm angles."""
-    clear: Callable[[FloatArray, Place], BoolArray] | None = None
+    is_free: Callable[[FloatArray, Place], BoolArray] | None = None
     """Collision test (k,) of joints (k, n) [rad] at a place; None for no test."""
 
     def __post_init__(self) -> None:

@@ -115,7 +115,7 @@ class StageStops:
                     joint_times=times.law.per_joint,
                     line_time=times.line_time,
                     refine=self.refine,
-                    clear=test,
+                    is_free=test,
                 )
         return problems_of_angle
 

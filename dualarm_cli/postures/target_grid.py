@@ -45,7 +45,7 @@ def target_postures(batch: StopBatch) -> list[StopCandidates | NoPosture]:
         if not len(best):
             these = slice(low, high)
             answers.append(_interval_middles(batch, owner[these], target[these], yaw[these]))
-        elif batch.problems[row].clear is None:
+        elif batch.problems[row].is_free is None:
             answers.append(postures(best))
         else:
             answers.append(_quickest_clear(batch, row, time, postures))
@@ -83,7 +83,7 @@ def _quickest_clear(
 
 def _is_clear(batch: StopBatch, row: int, q: FloatArray) -> BoolArray:
     """Flag collision-free joints (n, 7) at a problem's target, shape (n,)."""
-    test = batch.problems[row].clear
+    test = batch.problems[row].is_free
     return np.ones(len(q), dtype=np.bool_) if test is None else test(q, "target")
 
 

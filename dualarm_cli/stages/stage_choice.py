@@ -244,7 +244,7 @@ def made_apart(
     tries: list[dict[str, StopPosture | NoPosture]] = []
     for kept, changed in (tuple(reached), tuple(reached)[::-1]):
         test = keep.test(changed, position, angles, stage.work, {kept: reached[kept]})
-        [answer] = solve_stops(stage.redundancy, [replace(problems[changed], clear=test)])
+        [answer] = solve_stops(stage.redundancy, [replace(problems[changed], is_free=test)])
         if isinstance(answer, StopPosture):
             tries.append({kept: reached[kept], changed: answer})
     if not tries and keep.arms_clear(position, angles, reached, keep.common_places):

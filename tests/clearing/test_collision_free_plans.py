@@ -118,7 +118,7 @@ def test_crowded_cells_have_proven_plans_and_the_cost_of_it_is_what_is_said(
     stopping = PlanSettings(blend="none", effort=effort)
     schedule = plan_without_bound(job, stopping)
     assert least(schedule, job) >= 0.0
-    unchecked = plan_without_bound(job, stopping, clear=False)
+    unchecked = plan_without_bound(job, stopping, check_collisions=False)
     assert schedule.clearance_cost == pytest.approx(
         schedule.duration - unchecked.duration, abs=1e-9
     )
@@ -302,7 +302,7 @@ def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder, mon
     assert least(schedule, job) >= 0.0
     assert any("detour" in note for note in schedule.notes)
     assert bent and not any(bent)
-    unchecked = plan_without_bound(job, QUICK, clear=False)
+    unchecked = plan_without_bound(job, QUICK, check_collisions=False)
     assert schedule.duration < 1.25 * unchecked.duration
 
 

@@ -232,7 +232,7 @@ def test_an_arm_that_turns_out_late_for_its_part_meets_it_later(belt, monkeypatc
 
     job = dataclasses.replace(belt, tasks=belt.tasks[:1])
     monkeypatch.setattr(conveyor_plan, "quickest_clear", repaired)
-    found = plan_without_bound(job, GREEDY, clear=False)
+    found = plan_without_bound(job, GREEDY, check_collisions=False)
     assert len(calls) >= 2
     # The first one was late for the part, and no check would have passed it.
     assert verify(found, job).passed

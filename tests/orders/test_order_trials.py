@@ -37,7 +37,9 @@ def search(tasks_folder):
     names = {f"{side}-0{k}" for side in ("left", "right") for k in range(1, 5)}
     tasks = tuple(dataclasses.replace(t, arm="any") for t in job.tasks if t.id in names)
     job = dataclasses.replace(job, tasks=tasks, order="optimise")
-    return PairedSearch.of(CellModel.from_cell(job.cell), job, "quick", 0, Watch(), clear=True)
+    return PairedSearch.of(
+        CellModel.from_cell(job.cell), job, "quick", 0, Watch(), check_collisions=True
+    )
 
 
 def nodes_of(graph, order):

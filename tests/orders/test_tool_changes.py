@@ -278,7 +278,11 @@ def test_changes_go_on_where_the_platform_stood_before(kit, monkeypatch):
     )
     problem = MethodProblem(model, found.job, "arm_angle", "quick", 0)
     planner = FreePlanner(
-        problem, METHODS["sequence"].solve, TIMING_SOLVERS["ruckig"], lambda _: None, clear=True
+        problem,
+        METHODS["sequence"].solve,
+        TIMING_SOLVERS["ruckig"],
+        lambda _: None,
+        check_collisions=True,
     )
     held = []
 
@@ -414,7 +418,9 @@ def test_visits_to_stands_are_kept_apart_from_stops_that_turned_out_to_touch(kit
     """What the right arm did beside a visit it does not do beside it in the next order."""
     job = some(kit, "plate-1", "screw-1", "screw-3")
     watch = Watch()
-    search = PairedSearch.of(CellModel.from_cell(job.cell), job, "quick", 0, watch, clear=False)
+    search = PairedSearch.of(
+        CellModel.from_cell(job.cell), job, "quick", 0, watch, check_collisions=False
+    )
     first = search.orders(watch).ranked[0].job
     beside = {}
     for work in first.stages():
@@ -452,7 +458,7 @@ def test_orders_with_tool_changes_keep_buffers(kit):
     )
     job = dataclasses.replace(job, tasks=tasks, buffers={"tray": Buffer(1)})
     model, watch = CellModel.from_cell(job.cell), Watch()
-    search = PairedSearch.of(model, job, "quick", 0, watch, clear=False)
+    search = PairedSearch.of(model, job, "quick", 0, watch, check_collisions=False)
     for one in search.orders(watch).ranked:
         assert any(task.is_change for task in one.job.tasks)
         levels = [0]

@@ -82,16 +82,20 @@ def begins_and_ends(schedule):
     return begins, ends
 
 
-def check_job(folder, text, robot, *, clear):
+def check_job(folder, text, robot, *, check_collisions):
     """Plans a job; returns how often `after` was kept between two arms, None where there is no plan."""
     (folder / "cell.yaml").write_text(f"dualarm: cell/1\n{CELLS[robot]}{TOOLS}")
     (folder / "tasks.yaml").write_text(text)
     job = load_job(folder / "tasks.yaml")
     try:
-        schedule = plan_without_bound(job, QUICK, clear=clear)
+        schedule = plan_without_bound(job, QUICK, check_collisions=check_collisions)
     except InfeasibleError:
         return None
-    checks = verify(schedule, job).checks if clear else _but_clearance(verify(schedule, job).checks)
+    checks = (
+        verify(schedule, job).checks
+        if check_collisions
+        else _but_clearance(verify(schedule, job).checks)
+    )
     assert [check for check in checks if check.verdict == "failed"] == [], text
     begins, ends = begins_and_ends(schedule)
     arms = {event.task: event.arm for event in schedule.events}
@@ -133,7 +137,7 @@ def test_own_clocks_let_tasks_begin_when_the_last_retract_is_over(tmp_path, sett
     """An arm that has nothing to do afterwards; lines beside a turning platform; a bare move that takes no time."""
     rows = "".join(f"  - {row.replace('DOWN', 'rpy: [180 deg, 0, 0]')}\n" for row in tasks)
     text = HEAD.replace("SETTINGS", settings) + rows
-    assert check_job(tmp_path, text, "sda10f", clear=True) == waits
+    assert check_job(tmp_path, text, "sda10f", check_collisions=True) == waits
 
 
 @pytest.mark.parametrize(
@@ -148,7 +152,10 @@ def test_own_clocks_let_tasks_begin_when_the_last_retract_is_over(tmp_path, sett
 def test_tasks_wait_for_those_before_them(tmp_path, robot, mode):
     """A few random jobs, planned without clearance: targets are far apart."""
     rng = np.random.default_rng(7)
-    kept = [check_job(tmp_path, random_job(rng, robot, mode), robot, clear=False) for _ in range(2)]
+    kept = [
+        check_job(tmp_path, random_job(rng, robot, mode), robot, check_collisions=False)
+        for _ in range(2)
+    ]
     assert None not in kept
     assert sum(kept) > 0
 
@@ -160,4 +167,6 @@ def test_tasks_wait_for_those_before_them(tmp_path, robot, mode):
 def test_random_jobs_keep_after(tmp_path, robot, mode, seed):
     """120 random jobs; the arms work far apart, so that each of them has a plan."""
     rng = np.random.default_rng([20, seed])
-    assert check_job(tmp_path, random_job(rng, robot, mode), robot, clear=True) is not None
+    assert (
+        check_job(tmp_path, random_job(rng, robot, mode), robot, check_collisions=True) is not None
+    )

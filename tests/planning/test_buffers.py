@@ -113,7 +113,7 @@ def test_plans_keep_the_buffer(chute, mode, order):
     """Two loads and unloads of room for one: all checks; put forward in time a pick has no part."""
     names = ("load-1", "load-2", "unload-1", "unload-2", "label-1")
     job = only(chute, *names, mode=mode, order=order, buffers={"chute": Buffer(1)})
-    schedule = plan_without_bound(job, QUICK, clear=False)
+    schedule = plan_without_bound(job, QUICK, check_collisions=False)
     judged = verify(schedule, job)
     assert judged.failures == ()
     assert {c.name: c.verdict for c in judged.checks}["buffers"] == "passed"
@@ -135,7 +135,7 @@ def test_a_buffer_that_no_order_keeps_is_named(chute):
     for mode in ("paired", "free"):
         job = dataclasses.replace(chute, tasks=tuple(tasks.values()), mode=mode)
         with pytest.raises(InfeasibleError) as caught:
-            plan_without_bound(job, QUICK, clear=False)
+            plan_without_bound(job, QUICK, check_collisions=False)
         text = str(caught.value)
         assert "no order keeps these rules together" in text
         assert "'load-1' after 'unload-1'" in text
@@ -302,4 +302,4 @@ def test_sections_in_orders_that_leave_buffers_impossible_are_left_out(tasks_fol
     with pytest.raises(
         InfeasibleError, match="buffer 'tray' holds 0 of at most 1 parts before stage 1"
     ):
-        plan_without_bound(dataclasses.replace(bad, order="given"), QUICK, clear=False)
+        plan_without_bound(dataclasses.replace(bad, order="given"), QUICK, check_collisions=False)

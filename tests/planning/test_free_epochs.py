@@ -96,7 +96,7 @@ def test_windows_count_from_the_beginning_of_all(job, plan):
         for task in job.tasks
     )
     later = dataclasses.replace(job, tasks=tasks)
-    found = plan_without_bound(later, PlanSettings(effort="quick"), clear=False)
+    found = plan_without_bound(later, PlanSettings(effort="quick"), check_collisions=False)
     arrives = min(event.time for event in found.events if event.task == last)
     assert arrives >= opens - 1e-9
     assert found.duration < opens + 12.0

@@ -341,5 +341,5 @@ def test_parts_out_of_a_buffer_are_handed_over(tasks_folder, changes):
     )
     buffers = {"infeed": Buffer(capacity=2, initial=2)}
     job = dataclasses.replace(job, tasks=tasks, buffers=buffers, returns=False, **changes)
-    schedule = plan_without_bound(job, QUICK, clear=False)
+    schedule = plan_without_bound(job, QUICK, check_collisions=False)
     assert [check.name for check in verify(schedule, job).failures] == []

@@ -141,7 +141,7 @@ def test_a_start_in_a_collision_is_a_fault_only_where_the_motion_begins_there(jo
     [fault] = job_faults(job(GOOD, "", cell))
     assert fault.what == "start_touches"
     assert job_faults(job(GOOD, "start: free\n", cell)) == []
-    assert job_faults(job(GOOD, "", cell), clear=False) == []
+    assert job_faults(job(GOOD, "", cell), check_collisions=False) == []
 
 
 def test_a_tool_that_fits_between_the_turns_that_are_tried_is_left_to_the_planner(job):

@@ -127,7 +127,7 @@ def test_the_first_line_of_a_free_start_waits_as_well(tasks_folder):
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
     job = dataclasses.replace(job, mode="free", tasks=job.tasks[:2])
     job = changed(job, b={"after": ("a",)}, a={"not_before": 1.0})
-    schedule = plan_without_bound(job, QUICK, clear=False)
+    schedule = plan_without_bound(job, QUICK, check_collisions=False)
     assert verify(schedule, job).failures == ()
     picked = {(e.task, e.action): e.time for e in schedule.events}
     assert picked["a", "pick"] >= 1.0

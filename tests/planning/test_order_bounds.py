@@ -68,6 +68,6 @@ def test_while_one_arm_changes_its_tool_the_other_works_and_no_bound_says_otherw
     watch = Watch()
     watch.begin()
     model = CellModel.from_cell(job.cell)
-    orders = PairedSearch.of(model, job, "quick", 0, watch, clear=False).orders(watch)
+    orders = PairedSearch.of(model, job, "quick", 0, watch, check_collisions=False).orders(watch)
     assert orders.bound is not None
     assert orders.bound <= min(one.total for one in orders.ranked)

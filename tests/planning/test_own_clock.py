@@ -30,7 +30,9 @@ def clock(job):
 
 def own_clock(job):
     """Returns the left robot's way through its tasks."""
-    found = plan_without_bound(job, PlanSettings(effort="quick", blend="none"), clear=False)
+    found = plan_without_bound(
+        job, PlanSettings(effort="quick", blend="none"), check_collisions=False
+    )
     motion = Motion(found.trajectory, found.stages, found.segments, found.events)
     arm = next(arm for arm in job.cell.robot.arms if arm.name == "left")
     return OwnClock.of(motion, "left", arm.joints)

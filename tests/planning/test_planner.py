@@ -50,7 +50,7 @@ def test_every_shipped_job_gives_a_verified_plan(tasks_folder, quick_plan, name)
 @pytest.mark.parametrize("platform", ["fixed", "linearised", "exact"])
 def test_every_platform_solver_gives_a_verified_plan(packing, platform):
     """One contract test for all members of the family."""
-    schedule = plan_without_bound(packing, PlanSettings(platform=platform), clear=False)
+    schedule = plan_without_bound(packing, PlanSettings(platform=platform), check_collisions=False)
     assert verify(schedule, packing).passed
     angles = {stage.platform_angle for stage in schedule.stages}
     assert (len(angles) == 1) == (platform == "fixed")
@@ -92,10 +92,10 @@ def test_the_default_is_never_slower_than_a_simpler_method(tasks_folder, quick_p
 
 def test_more_effort_says_so_and_finds_a_plan_of_its_own(packing):
     """The grid's gap stands beside the plan, and a greedy method has none."""
-    schedule = plan_without_bound(packing, PlanSettings(effort="quick"), clear=False)
+    schedule = plan_without_bound(packing, PlanSettings(effort="quick"), check_collisions=False)
     assert schedule.provenance.settings["effort"] == "quick"
     assert 0.0 <= schedule.grid_gap < 0.1
-    fixed = plan_without_bound(packing, PlanSettings(platform="fixed"), clear=False)
+    fixed = plan_without_bound(packing, PlanSettings(platform="fixed"), check_collisions=False)
     assert fixed.grid_gap is None
 
 
@@ -112,7 +112,7 @@ def test_half_speed_moves_take_twice_as_long_and_dwells_as_long_as_before(packin
     job = dataclasses.replace(packing, returns=False)
     slow = dataclasses.replace(job, speed=0.5)
     fixed = PlanSettings(platform="fixed")
-    full, half = (plan_without_bound(j, fixed, clear=False) for j in (job, slow))
+    full, half = (plan_without_bound(j, fixed, check_collisions=False) for j in (job, slow))
     assert verify(half, slow).passed
 
     def lengths(schedule, kinds):
@@ -127,8 +127,8 @@ def test_a_tool_speed_cap_is_kept_and_costs_time(packing):
     """0.5 m/s: the verifier measures at most that, and the cycle gets longer."""
     capped = dataclasses.replace(packing, tool_speed=0.5)
     free, slow = (
-        plan_without_bound(packing, PlanSettings(platform="exact"), clear=False),
-        plan_without_bound(capped, PlanSettings(platform="exact"), clear=False),
+        plan_without_bound(packing, PlanSettings(platform="exact"), check_collisions=False),
+        plan_without_bound(capped, PlanSettings(platform="exact"), check_collisions=False),
     )
     verification = verify(slow, capped)
     assert verification.passed, verification.failures
@@ -201,7 +201,7 @@ def test_a_target_behind_the_robot_makes_the_platform_turn(tmp_path):
 def test_an_arm_without_work_stays_where_it_is(tasks_folder):
     """In 05 the right arm has one task, the left three: the right one, if it need not make way, stands still later."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
-    schedule = plan_without_bound(job, PlanSettings(effort="quick"), clear=False)
+    schedule = plan_without_bound(job, PlanSettings(effort="quick"), check_collisions=False)
     start, end = schedule.stages[2].start, schedule.stages[4].end
     right = [k for k, name in enumerate(schedule.trajectory.joints) if name.startswith("right")]
     q, v, _ = schedule.trajectory.at(np.linspace(start, end, 200))
@@ -261,9 +261,9 @@ def test_picks_without_a_dwell_are_noted(packing):
     )
     job = dataclasses.replace(packing, tasks=(hasty, *packing.tasks[1:2]))
     fixed = PlanSettings(platform="fixed")
-    notes = plan_without_bound(job, fixed, clear=False).notes
+    notes = plan_without_bound(job, fixed, check_collisions=False).notes
     assert f"2 picks and places take no time ({first.id} (pick), {first.id} (place))" in notes[0]
-    others = plan_without_bound(packing, fixed, clear=False).notes
+    others = plan_without_bound(packing, fixed, check_collisions=False).notes
     assert not any("no time (" in note for note in others)
 
 

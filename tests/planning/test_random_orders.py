@@ -81,7 +81,9 @@ def searched(job):
     """The search for a job's orders, and what it finds."""
     watch = Watch()
     watch.begin()
-    search = PairedSearch.of(CellModel.from_cell(job.cell), job, "quick", 0, watch, clear=True)
+    search = PairedSearch.of(
+        CellModel.from_cell(job.cell), job, "quick", 0, watch, check_collisions=True
+    )
     return search, search.orders(watch).ranked
 
 

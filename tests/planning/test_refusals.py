@@ -130,7 +130,9 @@ def test_a_task_is_left_to_the_other_arm(made):
     """The left arm is on its side, and yet the right one has to go there; a task of one arm stays its own."""
     tasks = [move("open", "any", [0.5, 0.15, 0.85]), move("own", "left", [0.5, 0.3, 0.85])]
     job = made(tasks, order="optimise")
-    search = PairedSearch.of(CellModel.from_cell(job.cell), job, "quick", 0, Watch(), clear=False)
+    search = PairedSearch.of(
+        CellModel.from_cell(job.cell), job, "quick", 0, Watch(), check_collisions=False
+    )
     assert search.of_either_arm() == {"open"}
     near = dataclasses.replace(
         job, tasks=tuple(dataclasses.replace(task, arm="left") for task in job.tasks), order="given"

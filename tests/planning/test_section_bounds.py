@@ -289,7 +289,10 @@ def test_handovers_between_paths_last_for_all_of_their_dwells(
     job = replace(handed, tasks=(*path, *stops))
     bound = job_bound(job, "quick").value
     assert bound - at_full_speed(job) > 7 * 5.0
-    assert bound <= plan_without_bound(job, PlanSettings(effort="quick"), clear=False).duration
+    assert (
+        bound
+        <= plan_without_bound(job, PlanSettings(effort="quick"), check_collisions=False).duration
+    )
 
 
 def test_an_open_order_leaves_transfers_to_paths_out(tmp_path: Path) -> None:
@@ -325,7 +328,9 @@ def test_tasks_of_any_arm_between_paths_count_alone(tmp_path: Path) -> None:
     job = job_of(tmp_path, anyone, one, more, "  - id: other" + other, head="return: true\n")
     for blend in ("none", "lines"):
         bound = job_bound(job, "quick", blend).value
-        schedule = plan_without_bound(job, PlanSettings(effort="quick", blend=blend), clear=False)
+        schedule = plan_without_bound(
+            job, PlanSettings(effort="quick", blend=blend), check_collisions=False
+        )
         # The right arm goes home from the second path besides.
         assert at_full_speed(job) + 2 * 2 * 2.0 / 2 + 0.1 < bound <= schedule.duration
         # Paths come in the file's order.

@@ -134,10 +134,10 @@ def test_what_has_to_keep_clear_does(yumi):
         asked.append(place)
         return q[:, 0] < edge
 
-    found = REDUNDANCY_SOLVERS["numeric"].solve(replace(problem, clear=clear))
+    found = REDUNDANCY_SOLVERS["numeric"].solve(replace(problem, is_free=clear))
     assert max(found.q_approach[0], found.q_target[0], found.q_retract[0]) < edge
     assert {"approach", "target", "retract"} == set(asked)
-    never = replace(problem, clear=lambda q, _: np.zeros(len(q), dtype=np.bool_))
+    never = replace(problem, is_free=lambda q, _: np.zeros(len(q), dtype=np.bool_))
     reason = REDUNDANCY_SOLVERS["numeric"].solve(never)
     assert isinstance(reason, NoPosture)
     assert "collides or lacks clearance" in str(reason.reason)

@@ -79,7 +79,7 @@ def test_the_imbalance_is_the_mean_over_the_transfers(packing):
 def test_stages_of_one_arm_alone_do_not_count_as_imbalance(tasks_folder):
     """Two robots, of which one has more to do: only common transfers are compared."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
-    schedule = plan_without_bound(job, PlanSettings(platform="fixed"), clear=False)
+    schedule = plan_without_bound(job, PlanSettings(platform="fixed"), check_collisions=False)
     trajectory = schedule.trajectory
     columns = [trajectory.joints.index(arm.joints[3]) for arm in schedule.robot.arms.values()]
     sizes = []

@@ -21,7 +21,7 @@ from dualarm_cli.report.comparison.schedule_comparison_table import (
     schedules_sentence,
 )
 
-plan = partial(plan_without_bound, clear=False)
+plan = partial(plan_without_bound, check_collisions=False)
 """Plans that differ by their method alone, not by what they make way for."""
 FIXED = PlanSettings(platform="fixed", blend="none")
 

@@ -76,7 +76,7 @@ def problem_on(cell: Cell, work: SeamWork, time: float = 0.05, **changes: Any) -
         samples=100,
         improved_starts=2,
         seed=0,
-        clear=None,
+        is_free=None,
     )
     return replace(problem, **changes)
 

@@ -158,8 +158,8 @@ def test_what_improves_into_something_stops_short_of_it(cells, make):
     node = int(np.argmax(np.abs(free - way)[:, joint]))
     up = free[node, joint] > way[node, joint]
     wall = way[:, joint].max() + 0.05 if up else way[:, joint].min() - 0.05
-    walled = replace(problem, clear=lambda q: (q[:, joint] < wall) == up)
-    assert not walled.clear(free).all()
+    walled = replace(problem, is_free=lambda q: (q[:, joint] < wall) == up)
+    assert not walled.is_free(free).all()
     found = improved(walled, way, stands, 12)
-    assert walled.clear(found).all()
+    assert walled.is_free(found).all()
     assert steady_time(found, problem.limits) < steady_time(way, problem.limits)

@@ -129,7 +129,7 @@ def test_of_ways_that_cannot_be_worked_the_joint_the_collision_or_the_end_is_tol
     problem = make.problem_on(cells["sda10f"], make.work_on(make.line()), samples=60)
     way = seam_starts(problem).position[0]
     assert why_impossible(problem, [way]).reason.what == "seam_goes_on"
-    touching = replace(problem, clear=lambda q: np.zeros(len(q), dtype=bool))
+    touching = replace(problem, is_free=lambda q: np.zeros(len(q), dtype=bool))
     assert why_impossible(touching, [way]).reason.what == "seam_all_touch"
     joint = int(np.argmax(np.ptp(way, axis=0)))
     upper = np.array(problem.limits.upper)
@@ -147,11 +147,11 @@ def test_what_touches_is_left_out(cells, make):
     """A test that lets nothing pass, and one that lets the left elbow bend one way only."""
     work = make.work_on(make.line())
     nothing = make.problem_on(
-        cells["sda10f"], work, samples=60, clear=lambda q: np.zeros(len(q), dtype=bool)
+        cells["sda10f"], work, samples=60, is_free=lambda q: np.zeros(len(q), dtype=bool)
     )
     assert seam_starts(nothing).failure.reason.what == "seam_all_touch"
     elbow = nothing.limits.joints.index("left_e")
-    some = replace(nothing, clear=lambda q: q[:, elbow] > 0.0)
+    some = replace(nothing, is_free=lambda q: q[:, elbow] > 0.0)
     found = seam_starts(some)
     assert len(found.position)
     assert (found.position[:, :, elbow] > 0.0).all()

@@ -88,10 +88,10 @@ def test_no_plan_of_a_random_job_is_faster(general_robots, tmp_path, seed):
     assert bound is not None and blended is not None
     for method in ("sequence", "fixed"):
         settings = PlanSettings(method, effort="quick", blend="none")
-        found = plan_without_bound(job, settings, clear=False)
+        found = plan_without_bound(job, settings, check_collisions=False)
         assert verify(found, job).passed
         assert 0.6 * found.duration < bound <= found.duration
-        found = plan_without_bound(job, replace(settings, blend="lines"), clear=False)
+        found = plan_without_bound(job, replace(settings, blend="lines"), check_collisions=False)
         assert verify(found, job).passed
         assert blended <= found.duration
 

@@ -91,7 +91,7 @@ def test_clearance_is_kept_by_any_arms(general_robots, tmp_path):
     job = load_job(general_robots.write_cell(tmp_path, "yumi", 1, shapes, post))
     stopping = replace(QUICK, blend="none")
     schedule = plan_without_bound(job, stopping)
-    unchecked = plan_without_bound(job, stopping, clear=False)
+    unchecked = plan_without_bound(job, stopping, check_collisions=False)
     assert not verify(unchecked, job, clearance=True).passed
     assert verify(schedule, job, clearance=True).passed
     assert schedule.clearance_cost == pytest.approx(schedule.duration - unchecked.duration)
@@ -156,6 +156,6 @@ def test_a_stop_without_lines_is_where_it_is_asked_on_a_platform_that_turns(tmp_
     text = f"dualarm: tasks/1\ncell: cell.yaml\ntasks: [{{id: t, arm: right, move: {target}}}]\n"
     (tmp_path / "tasks.yaml").write_text(text)
     job = load_job(tmp_path / "tasks.yaml")
-    schedule = plan_without_bound(job, PlanSettings(effort="quick"), clear=False)
+    schedule = plan_without_bound(job, PlanSettings(effort="quick"), check_collisions=False)
     verdict = verify(schedule, job)
     assert verdict.passed, verdict.failures

@@ -275,7 +275,7 @@ def test_postures_chosen_for_motion_give_shorter_cycles(random_job, monkeypatch)
     def planned(cycles):
         other = replace(quick, search=replace(quick.search, cycles=cycles))
         monkeypatch.setitem(effort.EFFORTS, "quick", other)
-        return [plan_without_bound(job, settings, clear=False) for job in jobs]
+        return [plan_without_bound(job, settings, check_collisions=False) for job in jobs]
 
     with_it, at_rest = planned(2), planned(0)
     ours, theirs = (sum(one.trajectory.duration for one in plans) for plans in (with_it, at_rest))

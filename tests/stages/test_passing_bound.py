@@ -70,7 +70,9 @@ def test_no_blended_plan_is_below_the_bound_nor_the_bound_above_that_with_stops(
     assert bound is not None and stopping is not None
     assert 0.0 < bound <= stopping
     for platform in ("sequence", "fixed"):
-        found = plan_without_bound(job, PlanSettings(platform, effort="quick"), clear=False)
+        found = plan_without_bound(
+            job, PlanSettings(platform, effort="quick"), check_collisions=False
+        )
         assert bound <= found.duration
 
 

@@ -202,7 +202,7 @@ def test_arms_of_six_and_of_seven_joints_share_a_waist(general_robots, tmp_path,
     )
     tasks.append(Task("left-home", "left", (there,)))
     job = replace(job, tasks=tuple(tasks), returns=returns)
-    schedule = plan_without_bound(job, PlanSettings(effort="quick"), clear=False)
+    schedule = plan_without_bound(job, PlanSettings(effort="quick"), check_collisions=False)
     assert verify(schedule, job).passed
     assert {len(one.columns) for one in model.arms.values()} == {6, 7}
 

@@ -223,7 +223,7 @@ def test_a_plan_of_every_shape_is_realised_and_verified(
 ) -> None:
     """From the search to exact timing to the verifier."""
     job = random_job(12, **SHAPES[name])
-    schedule = plan_without_bound(job, PlanSettings(effort="quick"), clear=False)
+    schedule = plan_without_bound(job, PlanSettings(effort="quick"), check_collisions=False)
     assert [check.name for check in verify(schedule, job).failures] == []
 
 

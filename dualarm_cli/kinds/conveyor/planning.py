@@ -115,7 +115,7 @@ def quickest_meeting(
     timing: TimingSolver,
     progress: Callable[[str], None],
     *,
-    clear: bool,
+    check_collisions: bool,
 ) -> ClearedPlan:
     """Plan the quickest motion that meets every part on a conveyor in its window.
 
@@ -129,7 +129,7 @@ def quickest_meeting(
         solve: the method.
         timing: solver of motions.
         progress: receiver of progress messages.
-        clear: whether collisions are checked.
+        check_collisions: whether collisions are checked.
 
     Raises:
         InfeasibleError: no plan that was found meets some part in its window, or there is no plan.
@@ -142,7 +142,10 @@ def quickest_meeting(
     for _ in range(BELT.rounds):
         meeting = ConveyorMeeting(variant.model, variant.job, timing, dict(delays))
         try:
-            plan = quickest_clear(variant, _meeting(solve, meeting), timing, progress, clear=clear)
+            method = _meeting(solve, meeting)
+            plan = quickest_clear(
+                variant, method, timing, progress, check_collisions=check_collisions
+            )
         except MissedError as error:
             # The error has better estimates of the meeting times.
             failure = failure or error

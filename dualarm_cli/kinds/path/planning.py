@@ -191,9 +191,10 @@ class PathSearch:
             if self.current is None
             else self.current
         )
-        holding = Holding.of(self.tools.part((), start).job) if self.tools.clear else None
-        clear = None if holding is None else partial(is_clear, holding)
-        starts = path_starts(self.context, self.work, start, problem.seed, clear)
+        check = self.tools.check_collisions
+        holding = Holding.of(self.tools.part((), start).job) if check else None
+        is_free = None if holding is None else partial(is_clear, holding)
+        starts = path_starts(self.context, self.work, start, problem.seed, is_free)
         for q in starts.configurations[: TRIALS.most_starts]:
             if self._try(q, holding, halve=False):
                 break

@@ -65,7 +65,7 @@ def path_starts(
     work: PathWork,
     current: FloatArray,
     seed: int,
-    clear: Callable[[FloatArray], BoolArray] | None = None,
+    is_free: Callable[[FloatArray], BoolArray] | None = None,
 ) -> PathStarts:
     """Find configurations from which a path may be followed [rad], (n,), best first.
 
@@ -77,7 +77,7 @@ def path_starts(
         work: the path.
         current: joints before the path [rad], shape (n,).
         seed: of the random configurations.
-        clear: test of configurations (k, n) [rad] for clearance, shape (k,); None without collision checking.
+        is_free: test of configurations (k, n) [rad] for clearance, shape (k,); None without collision checking.
     """
     robot = context.job.cell.robot
     if work.posture is not None:
@@ -101,8 +101,8 @@ def path_starts(
         if candidate.exact
     ]
     posture_paths = sorted([*posture_paths, *easiest], key=lambda candidate: candidate.cost)
-    if clear is not None and posture_paths:
-        posture_paths = _clear_first(posture_paths[: STARTS.most], clear)
+    if is_free is not None and posture_paths:
+        posture_paths = _clear_first(posture_paths[: STARTS.most], is_free)
     starts: list[FloatArray] = []
     for q in (posture_path.joints[0] for posture_path in posture_paths):
         if all(np.abs(q - start).max() > STARTS.alike for start in starts):
@@ -111,10 +111,10 @@ def path_starts(
 
 
 def _clear_first(
-    posture_paths: list[_PosturePath], clear: Callable[[FloatArray], BoolArray]
+    posture_paths: list[_PosturePath], is_free: Callable[[FloatArray], BoolArray]
 ) -> list[_PosturePath]:
     """Sort posture paths: clear ones, then those with a clear start; all if no start is clear."""
-    free = clear(np.concatenate([posture_path.joints for posture_path in posture_paths]))
+    free = is_free(np.concatenate([posture_path.joints for posture_path in posture_paths]))
     parts = np.split(
         free, np.cumsum([len(posture_path.joints) for posture_path in posture_paths])[:-1]
     )

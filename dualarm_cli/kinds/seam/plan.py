@@ -174,10 +174,10 @@ def seam_holding(job: Job, work: SeamWork) -> Holding:
 def clearance_test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
     """Create the test of configurations (k, n) [rad] for clearance, (k,)."""
 
-    def clear(position: FloatArray) -> BoolArray:
+    def is_free(position: FloatArray) -> BoolArray:
         return np.asarray(_margins(holding, position) >= SEAM.kept_at_nodes)
 
-    return clear
+    return is_free
 
 
 def nearest_bodies(holding: Holding, position: FloatArray) -> Refusal:
@@ -239,7 +239,7 @@ class SeamPlanner:
     """quick, normal or thorough."""
     seed: int
     """Seed of the random starts."""
-    clear: bool
+    check_collisions: bool
     """Whether collisions are checked."""
     free_start: bool = False
     """Whether the motion may start anywhere, so that no transfer to the seam is needed."""
@@ -262,7 +262,7 @@ class SeamPlanner:
             UnsupportedError: the named seam solver does not support it.
         """
         chain = Chain(self.job.cell, work)
-        holding = seam_holding(self.job, work) if self.clear else None
+        holding = seam_holding(self.job, work) if self.check_collisions else None
         can_continue = self._continuation_test(after)
         attempts = [(_Start(current, number=k), can_continue) for k in range(SEAM.rounds)]
         if work.approach == 0.0 and _is_closed(chain, current):
@@ -346,7 +346,7 @@ class SeamPlanner:
             seed=self.seed + start.number,
             transfer_times=self._transfer_times(start.current),
             can_continue=can_continue,
-            clear=None if holding is None else clearance_test(holding),
+            is_free=None if holding is None else clearance_test(holding),
             nearest_bodies=None if holding is None else partial(nearest_bodies, holding),
         )
 

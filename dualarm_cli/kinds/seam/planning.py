@@ -66,7 +66,7 @@ def add_seam_section(
         tools.timing,
         tools.problem.effort,
         tools.problem.seed,
-        tools.clear,
+        tools.check_collisions,
         current is None,
         tools.settings.seam_solver,
     )

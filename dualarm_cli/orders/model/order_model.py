@@ -178,13 +178,13 @@ class OrderModel:
     """Tasks of the job, then the tasks that leave or take a tool at its stand."""
 
     @classmethod
-    def of(cls, model: CellModel, job: Job, *, clear: bool = True) -> OrderModel:
+    def of(cls, model: CellModel, job: Job, *, check_collisions: bool = True) -> OrderModel:
         """Prepare a job.
 
         Args:
             model: kinematics of the cell.
             job: the open job.
-            clear: whether to check collisions.
+            check_collisions: whether to check collisions.
         """
         angles = platform_angles(model, job)
         tasks = (*job.tasks, *stand_tasks(job.cell))
@@ -195,7 +195,7 @@ class OrderModel:
             job,
             angles,
             nodes,
-            CellClearance.of(job.cell, job.carried()) if clear else None,
+            CellClearance.of(job.cell, job.carried()) if check_collisions else None,
             clock,
             {name: hub(model, job, name, nodes, clock) for name in model.arms},
             tasks,

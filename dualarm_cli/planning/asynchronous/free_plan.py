@@ -69,8 +69,8 @@ class FreePlanner:
     """Solver that times motions."""
     tell: Callable[[str], None]
     """Receiver of progress messages."""
-    clear: bool
-    """Whether anything has to be collision-free."""
+    check_collisions: bool
+    """Whether collisions are checked."""
     end: FloatArray | None = None
     """Prescribed joints at the end [rad], shape (n,), for jobs without a return; None to end after the last tasks."""
 
@@ -99,7 +99,7 @@ class FreePlanner:
         elif job.returns and turn.duration > 0.0:
             back = _reversed(turn)
         cell = None
-        if self.clear:
+        if self.check_collisions:
             cell = CellClearance.of_job(job)
         if len(arm_plans) > 1:
             self.tell("inserting waits between the arms")
@@ -155,7 +155,7 @@ class FreePlanner:
             clock = OwnClock(name, still, (), (), ())
             return ArmPlan(clock, replace(self.problem, blending=STOPPING), None)
         free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
-        lying = (*job.lying, *others_parts(job, name)) if self.clear else ()
+        lying = (*job.lying, *others_parts(job, name)) if self.check_collisions else ()
         alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired", lying=lying)
         problem = replace(self.problem, model=model, job=alone)
         motion, plan = self._still(model, work), None
@@ -165,7 +165,7 @@ class FreePlanner:
                 with_room(problem, self.solve) if problem.blends else self.solve,
                 self.timing,
                 lambda _: None,
-                clear=self.clear,
+                check_collisions=self.check_collisions,
                 alone=name,
             )
             motion = plan.cleared.motion
@@ -223,7 +223,7 @@ class FreePlanner:
             lambda _: Decided([back]),
             self.timing,
             lambda _: None,
-            clear=self.clear,
+            check_collisions=self.check_collisions,
             alone=name,
         )
         both = MotionBuilder()

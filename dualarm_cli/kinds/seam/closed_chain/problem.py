@@ -71,7 +71,7 @@ class SeamProblem:
     """Test whether the next seam can start from joints (n,) [rad] at the end; None without one."""
     nearest_bodies: Callable[[FloatArray], Refusal] | None = None
     """Description of the two nearest bodies at joints (n,) [rad]."""
-    clear: Callable[[FloatArray], BoolArray] | None = None
+    is_free: Callable[[FloatArray], BoolArray] | None = None
     """Test of configurations (k, n) [rad] for clearance; None without collision checking."""
 
     def __post_init__(self) -> None:

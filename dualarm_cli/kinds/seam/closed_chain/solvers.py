@@ -95,7 +95,7 @@ def improved(
         easy: whether the motion is smoothed at the end.
     """
     descended = _descended(problem, position, stands, rounds, easy=easy, is_clear=False)
-    if problem.clear is None or bool(problem.clear(descended).all()):
+    if problem.is_free is None or bool(problem.is_free(descended).all()):
         return descended
     # The unconstrained descent ended in a collision. A descent that stops before it is slower, but can be worked.
     return _descended(problem, position, stands, rounds, easy=easy, is_clear=True)
@@ -113,7 +113,7 @@ def _descended(
     """Take steps that each make the seam faster, without collisions if required."""
 
     def touches(candidate: FloatArray) -> bool:
-        return is_clear and problem.clear is not None and not problem.clear(candidate).all()
+        return is_clear and problem.is_free is not None and not problem.is_free(candidate).all()
 
     program = SeamProgram(problem, stands)
     best, time = position, steady_time(position, problem.limits)
@@ -313,7 +313,7 @@ def _is_feasible(problem: SeamProblem, path: FloatArray) -> bool:
         return False
     if problem.can_continue is not None and not problem.can_continue(path[-1]):
         return False
-    return problem.clear is None or bool(problem.clear(path).all())
+    return problem.is_free is None or bool(problem.is_free(path).all())
 
 
 def _motion(problem: SeamProblem, path: FloatArray) -> SeamMotion:

@@ -116,9 +116,9 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> SeamStarts:
         paths = paths[active]
     if not len(paths):
         return SeamStarts(paths, _first_failure(problem, stands))
-    if problem.clear is not None:
+    if problem.is_free is not None:
         clear = (
-            problem.clear(paths.reshape(-1, paths.shape[-1])).reshape(len(paths), -1).all(axis=1)
+            problem.is_free(paths.reshape(-1, paths.shape[-1])).reshape(len(paths), -1).all(axis=1)
         )
         if not clear.any():
             return SeamStarts(paths[:0], _all_touch(problem, paths))
@@ -133,8 +133,8 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> SeamStarts:
 def _all_touch(problem: SeamProblem, paths: FloatArray) -> NoSeam:
     """Describe the first collision of the posture path with the fewest collisions."""
     least = []
-    if problem.clear is not None and problem.nearest_bodies is not None:
-        free = problem.clear(paths.reshape(-1, paths.shape[-1])).reshape(len(paths), -1)
+    if problem.is_free is not None and problem.nearest_bodies is not None:
+        free = problem.is_free(paths.reshape(-1, paths.shape[-1])).reshape(len(paths), -1)
         best = int(free.sum(axis=1).argmax())
         node = int(np.argmin(free[best]))
         place = problem.shares[node] * problem.chain.work.length * 1e3
@@ -280,8 +280,8 @@ def why_impossible(problem: SeamProblem, paths: list[FloatArray]) -> NoSeam:
     within = np.array(
         [path for path, violation in zip(paths, beyond, strict=True) if violation.max() == 0.0]
     )
-    if problem.clear is not None:
-        free = problem.clear(within.reshape(-1, within.shape[-1])).reshape(len(within), -1)
+    if problem.is_free is not None:
+        free = problem.is_free(within.reshape(-1, within.shape[-1])).reshape(len(within), -1)
         if not free.all(axis=1).any():
             return _all_touch(problem, within)
     return NoSeam(Refusal("seam_goes_on"), 1.0)
