@@ -39,23 +39,68 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 Row = dict[str, Any]
 
 JOBS = {
-    "01_first_pick": "the smallest useful job",
-    "02_two_trays": "named frames, free yaw, symmetry, `after`",
-    "03_bottin_planar": "the robot and the move of [Bottin2021]",
-    "04_packing": "24 picks from trays into cartons",
-    "05_two_robots": "two robots with bases of their own, a cap on the tool speed",
-    "06_shared_bin": "a crowded cell: both arms pick from one bin",
-    "07_two_shelves": "shelves of two compartments that are filled from the front",
-    "08_narrow_bin": "a narrow bin that the arms use in turn",
-    "09_yumi": "arms without closed forms; picks, then a [path](paths.md) of both tools",
-    "10_seam": "a [seam](seams.md) on a part that the other arm holds",
-    "11_any_order": "a kit whose [order](orders.md) the planner chooses",
-    "12_chute": "a [buffer](orders.md#buffers) with room for two parts",
-    "13_hand_over": "two brackets that go [from arm to arm](hand-over.md)",
-    "14_two_grippers": "an arm that [changes its gripper](tool-change.md)",
-    "15_conveyor": "parts on a [conveyor](conveyor.md)",
+    "01_first_pick": (
+        "the smallest useful job",
+        "the four targets, and how long the tools are",
+    ),
+    "02_two_trays": (
+        "named frames, free yaw, symmetry, `after`",
+        "`frames`, which say where the trays are",
+    ),
+    "03_bottin_planar": (
+        "the robot and the move of [Bottin2021]",
+        "the method (`--platform`): the move is a paper's",
+    ),
+    "04_packing": (
+        "24 picks from trays into cartons",
+        "`frames` of trays and cartons; `study.yaml` varies the height of the table",
+    ),
+    "05_two_robots": (
+        "two robots with bases of their own, a cap on the tool speed",
+        "`base` of both robots, `speed` and `tool_speed`",
+    ),
+    "06_shared_bin": (
+        "a crowded cell: both arms pick from one bin",
+        "walls of the bin in `obstacles`, and `clearance`",
+    ),
+    "07_two_shelves": (
+        "shelves of two compartments that are filled from the front",
+        "boards of the shelves in `obstacles`, and `approach`, which must lead out of them",
+    ),
+    "08_narrow_bin": (
+        "a narrow bin that the arms use in turn",
+        "sizes of bin and box, and which arm comes first",
+    ),
+    "09_yumi": (
+        "arms without closed forms; picks, then a [path](paths.md) of both tools",
+        "the robot, and the points of the path",
+    ),
+    "10_seam": (
+        "a [seam](seams.md) on a part that the other arm holds",
+        "`curve` of the seam, and the pose of the part",
+    ),
+    "11_any_order": (
+        "a kit whose [order](orders.md) the planner chooses",
+        "its rules, such as `after` and `sequences`",
+    ),
+    "12_chute": (
+        "a [buffer](orders.md#buffers) with room for two parts",
+        "`capacity` of the buffer, and the poses of the two ends of the chute",
+    ),
+    "13_hand_over": (
+        "two brackets that go [from arm to arm](hand-over.md)",
+        "the shape of the part, and how both arms grip it",
+    ),
+    "14_two_grippers": (
+        "an arm that [changes its gripper](tool-change.md)",
+        "`tool_changes`, the tools and their stands",
+    ),
+    "15_conveyor": (
+        "parts on a [conveyor](conveyor.md)",
+        "`velocity` of the belt, and when parts pass",
+    ),
 }
-"""What each bundled job shows."""
+"""What each bundled job shows, and what to change first in a copy of it."""
 PLANS = {
     **{job: [job, "--effort", "quick"] for job in JOBS},
     "04_packing": ["04_packing"],
@@ -249,14 +294,14 @@ def fill_pages() -> None:
 
 def gallery_rows(rows: Mapping[str, Row]) -> Iterator[str]:
     """Yields the gallery: a picture of each job that has one, its cycle and what it shows."""
-    for name, what in JOBS.items():
+    for name, (what, change) in JOBS.items():
         row = rows[name]
         yield f"## {name}\n"
         cycle = f"{'Cycle' if row['closes'] else 'Duration'} {row['cycle_time']:.3f} s"
         if row["lower_bound"]:
             cycle += f"; no plan of these stages is faster than {row['lower_bound']:.3f} s"
         yield f"{row['robot']}: {what}. {cycle}.\n"
-        yield f"`{row['command']}`\n"
+        yield f"Change first: {change}. `{row['command']}`\n"
         if (PICTURES / f"{name}.png").exists():
             yield f"![The page of {name}: the cell in motion, who does what and when](../pictures/{name}.png)\n"
 
