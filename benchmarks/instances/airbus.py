@@ -1,6 +1,6 @@
 """Drilling the Airbus Shopfloor Challenge's 245 holes with both arms of an SDA10F, as a job.
 
-python benchmarks/instances/airbus.py --out FOLDER [--arm split] [--order given] [--mode free]
+python -m benchmarks.instances.airbus --out FOLDER [--arm split] [--order given] [--mode free]
 
 The pattern is that of RoboTSP's example (github.com/crigroup/robotsp, BSD-3): pitch 25 mm, tool along +x, any turn
 about it. There it is drilled by one arm in the plane x = 0.57 m; here the pattern as a whole is shifted to where both
@@ -13,8 +13,9 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from job_files import numbers, write_job
 from numpy.typing import NDArray
+
+from benchmarks.instances.job_files import numbers, write_job
 
 FloatArray = NDArray[np.float64]
 PITCH = 0.025

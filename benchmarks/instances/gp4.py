@@ -1,7 +1,7 @@
 """Two Yaskawa GP4 that build with bricks: two of APEX-MR's assemblies as jobs.
 
-python benchmarks/instances/gp4.py cliff --out FOLDER [--mode free] [--bare]
-python benchmarks/instances/gp4.py --import FILE_steps.csv
+python -m benchmarks.instances.gp4 cliff --out FOLDER [--mode free] [--bare]
+python -m benchmarks.instances.gp4 --import FILE_steps.csv
 
 An original file has a row per step: for robot 1 and robot 2 a flag, the flange's pose, and six joints. The flag says
 whether the step is that robot's; a robot that supports its partner also moves in steps that are not its own, so the
@@ -17,9 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from job_files import DATA, accelerations, numbers, posture, write_job
-from moves import rest_to_rest_times
 from numpy.typing import NDArray
+
+from benchmarks.instances.job_files import DATA, accelerations, numbers, posture, write_job
+from benchmarks.instances.moves import rest_to_rest_times
 
 FloatArray = NDArray[np.float64]
 FOLDER = DATA / "gp4"

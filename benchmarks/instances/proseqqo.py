@@ -1,7 +1,7 @@
 """Pick-and-place sequencing of one 6-axis arm: eight of ProSeqqo's benchmark instances as jobs.
 
-python benchmarks/instances/proseqqo.py test01 --out FOLDER [--order given]
-python benchmarks/instances/proseqqo.py --import FILE.seq
+python -m benchmarks.instances.proseqqo test01 --out FOLDER [--order given]
+python -m benchmarks.instances.proseqqo --import FILE.seq
 
 An instance is a home configuration, several grasps of every part, and the configurations of one place for all of them.
 The cycle: home, then grasp and place of every part in any order, home. The second form makes the data of ours
@@ -17,9 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from job_files import DATA, accelerations, configurations, posture, write_job
-from moves import rest_to_rest_times
 from numpy.typing import NDArray
+
+from benchmarks.instances.job_files import DATA, accelerations, configurations, posture, write_job
+from benchmarks.instances.moves import rest_to_rest_times
 
 FloatArray = NDArray[np.float64]
 FOLDER = DATA / "proseqqo"

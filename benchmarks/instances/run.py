@@ -1,6 +1,6 @@
 """The public instances, planned and verified: cycle time beside the reference, and planning time.
 
-python benchmarks/instances/run.py [--only proseqqo airbus gp4] [--order given] [--arm split] [--mode paired]
+python -m benchmarks.instances.run [--only proseqqo airbus gp4] [--order given] [--arm split] [--mode paired]
 
 References. ProSeqqo: the least cycle time of the order that is asked for, optimal, or given with the best
 configurations. GP4: the steps' times from rest to rest, in pairs, or alone on the slower arm (a bound that no plan
@@ -16,11 +16,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import airbus
-import gp4
 import numpy as np
-import proseqqo
 
+from benchmarks.instances import airbus, gp4, proseqqo
 from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.files.tasks.tasks import load_job

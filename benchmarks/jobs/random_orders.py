@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from jobs.random_jobs import DWELL, LINE, PACKING
 
+from benchmarks.jobs.random_jobs import DWELL, LINE, PACKING
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.kinematics.cell_model import CellModel

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.nonlinear.program import NonlinearProgram
+from benchmarks.nonlinear.program_kinematics import inverse, turned_pose
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import flange_poses, platform_positions
@@ -14,8 +16,6 @@ from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.variables import FIELDS, Slopes, Variables, slopes
-from nonlinear.program import NonlinearProgram
-from nonlinear.program_kinematics import inverse, turned_pose
 
 ITERATIONS, BOXES = 150, (0.3, 0.1, 0.03, 0.01)
 """Iterations of each program, and how far variables may be from the best plan so far, one after the other [rad]."""

@@ -8,14 +8,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from benchmarks.nonlinear.program import NonlinearProgram, reachable_distance
+from benchmarks.nonlinear.program_kinematics import chain_function, turned_pose
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import flange_poses, platform_positions
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
-from nonlinear.program import NonlinearProgram, reachable_distance
-from nonlinear.program_kinematics import chain_function, turned_pose
 
 ITERATIONS, BOXES = 300, (np.inf, 0.6, 0.3, 0.1)
 """Iterations of each program, and how far variables may be from the best plan so far, one after the other [rad]."""

@@ -9,11 +9,11 @@ from types import ModuleType
 
 import pytest
 
-FOLDER = Path(__file__).parents[2] / "benchmarks" / "instances"
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
-    """Imports a script by its name; its folder is on the path as when it is run."""
-    monkeypatch.syspath_prepend(FOLDER)
-    return importlib.import_module
+    """Import a script of the instances by its name."""
+    monkeypatch.syspath_prepend(ROOT)
+    return lambda name: importlib.import_module(f"benchmarks.instances.{name}")

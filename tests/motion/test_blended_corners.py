@@ -19,15 +19,15 @@ from dualarm_cli.timing.line_profile import path_of
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
-FOLDER = Path(__file__).parents[2] / "benchmarks"
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def script():
     """The benchmark of blended corners, as a module."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(FOLDER)
-        return importlib.import_module("blended_corners")
+        patch.syspath_prepend(ROOT)
+        return importlib.import_module("benchmarks.quality.blended_corners")
 
 
 def families(corner):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import math
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +24,8 @@ TOOL = "{tcp: {xyz: [0, 0, 0.1]}, shapes: [{capsule: {radius: 0.02, length: 0.06
 def script():
     """The benchmark of branch pairs, as a module."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
-        yield importlib.import_module("branch_pairs")
-    sys.modules.pop("capsule_arms", None)
+        patch.syspath_prepend(Path(__file__).parents[2])
+        yield importlib.import_module("benchmarks.correctness.branch_pairs")
 
 
 def planned(folder: Path, files: dict[str, str]):

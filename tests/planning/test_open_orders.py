@@ -49,10 +49,10 @@ def bricks(tmp_path_factory):
     import sys
     from pathlib import Path
 
-    folder = str(Path(__file__).parents[2] / "benchmarks" / "instances")
+    folder = str(Path(__file__).parents[2])
     sys.path.insert(0, folder)
     try:
-        gp4 = importlib.import_module("gp4")
+        gp4 = importlib.import_module("benchmarks.instances.gp4")
     finally:
         sys.path.remove(folder)
     made = {

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
+import importlib
 from pathlib import Path
 
 import pytest
@@ -14,12 +13,9 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def same_bytes():
     """The benchmark that plays three processors; skipped on a processor that cannot tell them apart."""
-    spec = importlib.util.spec_from_file_location(
-        "same_bytes", ROOT / "benchmarks" / "same_bytes.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT)
+        module = importlib.import_module("benchmarks.correctness.same_bytes")
     if why := module.blind():
         pytest.skip(why)
     return module

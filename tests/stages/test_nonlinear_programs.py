@@ -31,9 +31,9 @@ def nonlinear() -> Iterator[SimpleNamespace]:
     """The modules of the benchmark."""
     names = ("continuous", "ipopt", "program", "program_kinematics")
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
+        patch.syspath_prepend(Path(__file__).parents[2])
         yield SimpleNamespace(
-            **{name: importlib.import_module(f"nonlinear.{name}") for name in names}
+            **{name: importlib.import_module(f"benchmarks.nonlinear.{name}") for name in names}
         )
 
 

@@ -1,6 +1,6 @@
 """Plan random valid jobs of every kind of work, and judge each plan by `judge.py`, which shares no code with it.
 
-python benchmarks/random_cells.py --jobs 500 --folder random-cells
+python -m benchmarks.correctness.random_cells --jobs 500 --folder random-cells
 
 The jobs are those of `tests/random_valid_jobs.py`, varied: straight parts of lines shorter than the lines, moves that
 tools pass, parts that are carried, wait and lie. Each job is planned by the command at quick effort, verified again
@@ -20,11 +20,12 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "benchmarks")]
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
 
-from judge import Judge  # noqa: E402
 from random_valid_jobs import write_random_job  # noqa: E402
+
+from benchmarks.correctness.judge import Judge  # noqa: E402
 
 APART = 0.075
 """Least distance between targets of parts, so that no part lies in another one [m]."""

@@ -1,6 +1,6 @@
 """What following paths costs and gains: one step against plain numpy and a general library, and the papers' claims.
 
-    python benchmarks/paths.py [steps | springs | manipulability] [--starts 20]
+    python -m benchmarks.quality.paths [steps | springs | manipulability] [--starts 20]
 
 Ratios within one run; the seconds depend on the machine. `steps` compares with Pink where it is installed (pin-pink).
 """
@@ -37,7 +37,7 @@ from dualarm_cli.kinds.path.starts import path_starts
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.manipulability import manipulability, manipulability_rates
 
-PAPERS = Path(__file__).parents[1] / "tasks" / "papers"
+PAPERS = Path(__file__).parents[2] / "tasks" / "papers"
 STEPS = 1500
 
 

@@ -1,6 +1,6 @@
 """What `dualarm score` takes for many cells: one process, two, and once more with nothing changed.
 
-    python benchmarks/scoring.py [CELLS]
+    python -m benchmarks.speed.scoring [CELLS]
 
 Cells are variations of a small one with four moves, planned as `dualarm plan --effort quick` does, each with files of
 its own. Printed are seconds and their ratios; with two free
@@ -19,7 +19,7 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 MOST_RATIO, LONGEST_AGAIN = 0.6, 2.0
 CELL = "dualarm: cell/1\nrobot: ../../robots/planar/robot.yaml\n"
 TASKS = """\

@@ -1,6 +1,6 @@
 """Whole `dualarm plan` commands of this checkout against those of another commit, in one run, one after the other.
 
-python benchmarks/planning_time.py --against COMMIT [--stages 24 100] [--efforts quick normal] [--seeds 1 2 3]
+python -m benchmarks.speed.planning_time --against COMMIT [--stages 24 100] [--efforts quick normal] [--seeds 1 2 3]
     [--repeats 5] [--cores 2] [--options="--blend none"]
 
 Both are installed into a folder that is removed afterwards, with their pages and compiled functions. Every command is a
@@ -22,9 +22,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from long_sequences import write_sequence
+from benchmarks.jobs.long_sequences import write_sequence
 
-HERE = Path(__file__).resolve().parent.parent
+HERE = Path(__file__).resolve().parents[2]
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
 
 

@@ -1,8 +1,8 @@
 """Whole sequences: the default plan against simpler methods, its gaps, and how planning time grows.
 
-python benchmarks/sequences.py ratios [--sequences 20] [--effort normal]
-python benchmarks/sequences.py shipped
-python benchmarks/sequences.py growth [--stages 24 100 1000]
+python -m benchmarks.quality.sequences ratios [--sequences 20] [--effort normal]
+python -m benchmarks.quality.sequences shipped
+python -m benchmarks.quality.sequences growth [--stages 24 100 1000]
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from jobs.random_jobs import random_job
-
+from benchmarks.jobs.random_jobs import random_job
 from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
@@ -24,7 +23,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
-TASKS = Path(__file__).parent.parent / "tasks"
+TASKS = Path(__file__).parents[2] / "tasks"
 SIMPLER = ("fixed", "exact", "linearised", "minimum_time")
 STUDIES = {
     "transfers alone, no jerk limit": {"lines": False, "jerk": False},

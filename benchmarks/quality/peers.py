@@ -1,7 +1,7 @@
 """The transfers of dualarm's plans by other planners: time per move and motion time, all in one run.
 
-python benchmarks/peers.py [--stages 24] [--seeds 1 2 3] [--repeats 2] [--peers ruckig toppra ompl drake tesseract]
-    [--efforts quick normal]
+python -m benchmarks.quality.peers [--stages 24] [--seeds 1 2 3] [--repeats 2]
+    [--peers ruckig toppra ompl drake tesseract] [--efforts quick normal]
 
 The moves are the transfers of random SDA10F sequences of `long_sequences.py`, planned with stops at the outer ends of
 lines (`--blend none`), normal effort, and verified with their clearance. Start and goal of all 15 joints are given to
@@ -45,8 +45,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from long_sequences import write_sequence
 
+from benchmarks.jobs.long_sequences import write_sequence
 from dualarm_cli.collision.solids import cell_solids, geometry_model, pairs_that_must_keep_apart
 from dualarm_cli.exporting.cell_urdf import cell_urdf
 from dualarm_cli.files.tasks.tasks import load_job

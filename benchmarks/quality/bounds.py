@@ -1,7 +1,7 @@
 """How far lower bounds are below plans, and what they cost: random sequences, with all stops and blended, by effort.
 
-python benchmarks/bounds.py --sequences 20 --stages 24 --efforts quick,normal,thorough
-python benchmarks/bounds.py --perturbed 10000
+python -m benchmarks.quality.bounds --sequences 20 --stages 24 --efforts quick,normal,thorough
+python -m benchmarks.quality.bounds --perturbed 10000
 
 Random sequences of `long_sequences.py` on the SDA10F, lines of 80 mm, dwells of 0.15 s. Printed are gaps (how far the
 bound is below the plan of the same effort), medians and the least and largest, and the bound's processor time as a
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from multiprocessing import Pool
 
 import numpy as np
-from blended_cycles import sequence_job
 
+from benchmarks.quality.blended_cycles import sequence_job
 from dualarm_cli.bound.bound import lower_bound
 from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.kinematics.cell_model import CellModel

@@ -1,6 +1,6 @@
 """Judge a plan from its files alone: own forward kinematics, own shapes, own rules, no code of the package.
 
-python benchmarks/judge.py PLAN TASKS
+python -m benchmarks.correctness.judge PLAN TASKS
 
 Reads schedule.json and robot.urdf of a plan folder, and the task and cell files that the job was written in, as plain
 YAML in metres and radians (as `tests/random_valid_jobs.py` writes them). Looks at knots and at instants 4 ms apart;
@@ -594,7 +594,7 @@ class Judge:
             else {f"{k}_": v["robot"] for k, v in robots.items()}
         )
         for prefix, name in entries.items():
-            path = Path(__file__).parents[1] / "robots" / name / "robot.yaml"
+            path = Path(__file__).parents[2] / "robots" / name / "robot.yaml"
             file = yaml.safe_load(path.read_text())
             found |= {
                 frozenset(prefix + link for link in pair)

@@ -1,6 +1,6 @@
 """What avoiding collisions costs: the quick test against coal, and plans with and without collision checking.
 
-    python benchmarks/clearance.py [--stages 100]
+    python -m benchmarks.quality.clearance [--stages 100]
 
 Ratios within one run; the seconds depend on the machine.
 """
@@ -24,7 +24,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
-TASKS = Path(__file__).parents[1] / "tasks"
+TASKS = Path(__file__).parents[2] / "tasks"
 CELLS = ("04_packing", "06_shared_bin", "07_two_shelves", "08_narrow_bin")
 POSTURES = 20_000
 

@@ -1,6 +1,6 @@
 """Random jobs of two six-axis arms on tilted, close bases: is a job refused that has a plan?
 
-python benchmarks/branch_pairs.py [--jobs 200] [--first 0] [--effort quick] [--out DIR]
+python -m benchmarks.correctness.branch_pairs [--jobs 200] [--first 0] [--effort quick] [--out DIR]
 
 Each job is planned. A refused one is searched exhaustively here, without code of the planner: own inverse kinematics
 from random starts, own lines, own distances of capsules, all pairs of branches of both arms, straight transfers one arm
@@ -17,8 +17,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from capsule_arms import KEPT, OFFSET, REACH, UR, WRIST, Arm, cross, robot, rpy, urdf
 
+from benchmarks.correctness.capsule_arms import (
+    KEPT,
+    OFFSET,
+    REACH,
+    UR,
+    WRIST,
+    Arm,
+    cross,
+    robot,
+    rpy,
+    urdf,
+)
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings

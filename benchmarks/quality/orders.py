@@ -1,7 +1,7 @@
 """Open orders: the plan of the search against the file's order and nearest neighbours, gaps, and planning time.
 
-python benchmarks/orders.py [--tasks 20 50 100 500] [--seeds 10] [--first 0] [--effort normal] [--mode paired|free]
-    [--family spots parts] [--baselines file own nearest] [--blend lines|none]
+python -m benchmarks.quality.orders [--tasks 20 50 100 500] [--seeds 10] [--first 0] [--effort normal]
+    [--mode paired|free] [--family spots parts] [--baselines file own nearest] [--blend lines|none]
 
 Everything is planned by the same planner with the same effort, and verified, clearances proven. Where arms touch in a
 stage of a baseline's order, so that it has no plan, the stops of that stage are made one after the other instead.
@@ -16,9 +16,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from jobs.nearest_neighbour import each_arms_nearest, nearest_neighbour
-from jobs.random_orders import FAMILIES, Instance, random_instance
-
+from benchmarks.jobs.nearest_neighbour import each_arms_nearest, nearest_neighbour
+from benchmarks.jobs.random_orders import FAMILIES, Instance, random_instance
 from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, StopKey

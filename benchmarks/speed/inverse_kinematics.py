@@ -1,6 +1,6 @@
 """Closed-form inverse kinematics, vectorised, against one pose at a time and against a library.
 
-Run `OPENBLAS_NUM_THREADS=1 python benchmarks/inverse_kinematics.py`. Everything is timed in one
+Run `OPENBLAS_NUM_THREADS=1 python -m benchmarks.speed.inverse_kinematics`. Everything is timed in one
 process on the same arm (iiwa 14) and targets; quote the ratios, not the times. Every solution
 counted is checked by forward kinematics, outside the timing.
 

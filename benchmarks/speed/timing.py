@@ -1,6 +1,6 @@
 """Timing: closed forms against one ruckig call each, line profiles against toppra.
 
-Run `OPENBLAS_NUM_THREADS=1 python benchmarks/timing.py`. Everything is timed in one process on the
+Run `OPENBLAS_NUM_THREADS=1 python -m benchmarks.speed.timing`. Everything is timed in one process on the
 limits of an SDA10F arm; quote the ratios, not the times. Lines are the exact inverse kinematics of an
 iiwa 14 over 80 mm, postures chosen at random among those that reach both ends; toppra's durations
 are optimal without jerk limits, so the ratio of durations says what a double S costs there.

@@ -1,6 +1,6 @@
 """What passing lines' outer ends in motion saves: whole cycles against those with all stops, both decided anew.
 
-python benchmarks/blended_cycles.py --sequences 20 --stages 24 --effort normal
+python -m benchmarks.quality.blended_cycles --sequences 20 --stages 24 --effort normal
 
 Random sequences of `long_sequences.py` on the SDA10F, lines of 80 mm, dwells of 0.15 s: with all stops
 (`--blend none`), with whole lines straight, and with their inner 40 and 20 mm straight; under jerk limits and without.
@@ -19,8 +19,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from long_sequences import write_sequence
 
+from benchmarks.jobs.long_sequences import write_sequence
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Job

@@ -1,6 +1,6 @@
 """How large and how quick the pages of plans are.
 
-python benchmarks/page.py TASKS...
+python -m benchmarks.speed.page TASKS...
 
 For each task file: processor time of planning (with verification) and of writing the page, the page's size, the time
 until the browser has drawn the first picture, and the pictures per second while the cursor of time moves. The browser

@@ -1,6 +1,6 @@
 """The search over whole sequences against nonlinear programs by IPOPT, with stops and nothing in the way.
 
-python benchmarks/nonlinear_programs.py [TASKS ...] [--effort normal]
+python -m benchmarks.quality.nonlinear_programs [TASKS ...] [--effort normal]
 
 Printed per task file: the cycle time [s] by `sequence`, that of its plan refined over angles
 (`nonlinear/continuous.py`), that by `fixed`, and that of a program over all joints which starts from it
@@ -12,9 +12,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from nonlinear.continuous import refine
-from nonlinear.ipopt import nonlinear_program
-
+from benchmarks.nonlinear.continuous import refine
+from benchmarks.nonlinear.ipopt import nonlinear_program
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.orders.order_trials import repaired
@@ -23,7 +22,7 @@ from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
-PACKING = Path(__file__).parent.parent / "tasks" / "04_packing" / "tasks.yaml"
+PACKING = Path(__file__).parents[2] / "tasks" / "04_packing" / "tasks.yaml"
 
 
 def compare(file: Path, effort: str) -> list[float]:

@@ -1,6 +1,6 @@
 """Random long sequences as files: both arms pick and place at random targets, stage by stage.
 
-python benchmarks/long_sequences.py --robot sda10f --stages 1000 --seed 0 --out DIR
+python -m benchmarks.jobs.long_sequences --robot sda10f --stages 1000 --seed 0 --out DIR
 
 Then plan and verify DIR/tasks.yaml by the command line.
 

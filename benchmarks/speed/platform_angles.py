@@ -1,6 +1,6 @@
 """Platform angles: moves per second of every method, against the plain alternatives, in one run.
 
-Run `OPENBLAS_NUM_THREADS=1 python benchmarks/platform_angles.py`. Everything is timed in one process on
+Run `OPENBLAS_NUM_THREADS=1 python -m benchmarks.speed.platform_angles`. Everything is timed in one process on
 the same moves; quote the ratios, not the times. `exact` counts with all it does: candidates of both
 signs, rejection of false roots, polish, and fallbacks of moves without a root.
 

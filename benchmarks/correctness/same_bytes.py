@@ -1,6 +1,7 @@
 """Whether `dualarm plan` writes the same bytes on three classes of processors, which one machine plays.
 
-python benchmarks/same_bytes.py [JOB ...] [--random 40] [--efforts quick normal] [--cores 1 2] [--timeout 600]
+python -m benchmarks.correctness.same_bytes [JOB ...] [--random 40] [--efforts quick normal]
+    [--cores 1 2] [--timeout 600]
 
 Without names all bundled jobs are planned. Library variants for older processors are chosen by environment variables;
 that needs a processor with AVX-512 and FMA, and the command says so where the three do not differ.
@@ -19,7 +20,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent.parent
+HERE = Path(__file__).resolve().parents[2]
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     "as it is": {},

@@ -1,6 +1,6 @@
 """Two UR5 side by side: planning in closed form against numeric inverse kinematics, and the lower bound.
 
-python benchmarks/ur_pair.py [--free-yaw] [--waist]
+python -m benchmarks.quality.ur_pair [--free-yaw] [--waist]
 
 Writes robot, cell and tasks (twelve picks, synchronous stages), plans them by the command line with the arms as `kind:
 parallel_axes` and as `kind: general`, and prints cycle time, lower bound and processor time.

@@ -1,8 +1,10 @@
 """Blended corners against an IPOPT optimum: a line, the transfer after it and the next line, in motion all the way.
 
-Run `OPENBLAS_NUM_THREADS=1 python benchmarks/blended_corners.py --line 0.08 --corners 50`, and `--corners 0 --checked
-10000` for limits alone. Corners are pairs of random targets of an SDA10F arm within its room of `long_sequences.py`,
-postures as the planner chooses them; those of the comparison stay MARGIN away from position limits on their lines.
+Run `OPENBLAS_NUM_THREADS=1 python -m benchmarks.quality.blended_corners --line 0.08 --corners 50`, and
+`--corners 0 --checked 10000` for limits alone.
+
+Corners are pairs of random targets of an SDA10F arm within its room of `long_sequences.py`, postures as the planner
+chooses them; those of the comparison stay MARGIN away from position limits on their lines.
 
 The reference is the least time from rest at the first target to rest at the second: the path parameter of each line
 with piecewise constant jerk, every joint of the transfer with piecewise constant jerk, all limits, all three durations
@@ -23,9 +25,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pinocchio as pin
-from long_sequences import ROOMS, write_sequence
 from numpy.polynomial import chebyshev
 
+from benchmarks.jobs.long_sequences import ROOMS, write_sequence
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray

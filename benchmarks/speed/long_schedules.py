@@ -1,6 +1,6 @@
 """How large schedules of many stages are, how long they take to write, read and verify, and in how much memory.
 
-python benchmarks/long_schedules.py PLAN [--times N]
+python -m benchmarks.speed.long_schedules PLAN [--times N]
 
 PLAN is the folder of a plan that returns to its start, such as tasks/04_packing gives; its cycle is repeated N times.
 Each line is the processor time of a step and the most memory the process had by then. Steps run in processes of their

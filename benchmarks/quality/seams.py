@@ -1,6 +1,6 @@
 """How fast seams can be: a nominal pose of the part, the best still one, the part moving too; and a part in the cell.
 
-    python benchmarks/seams.py [still-and-moving | platform] [--effort normal] [--seed 0]
+    python -m benchmarks.quality.seams [still-and-moving | platform] [--effort normal] [--seed 0]
 
 The cell is that of tasks/10_seam (SDA10F, acceleration and jerk limits assumed). Every seam may be as fast as the
 joints allow at a steady speed; times are of whole seams with their ramps, chain closed and all limits kept. The nominal
@@ -33,7 +33,7 @@ from dualarm_cli.model.curves.point_spline import PointSpline
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamTool, SeamWork
 
-TASKS = Path(__file__).parents[1] / "tasks" / "10_seam" / "tasks.yaml"
+TASKS = Path(__file__).parents[2] / "tasks" / "10_seam" / "tasks.yaml"
 MIDDLE = np.array([0.5, 0.0, 1.0])
 """The middle in front of the robot [m]."""
 FAST = 5.0
