@@ -31,7 +31,7 @@ from dualarm_cli.model.curves.contours import Contour, Ellipse, LineContour, Sad
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
 from dualarm_cli.model.curves.point_spline import PointSpline
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.seam import SeamTool, SeamWork
+from dualarm_cli.model.process_work import SeamTool, SeamWork
 
 TASKS = Path(__file__).parents[2] / "tasks" / "10_seam" / "tasks.yaml"
 MIDDLE = np.array([0.5, 0.0, 1.0])

@@ -22,7 +22,7 @@ from dualarm_cli.cli.parts.output import (
 from dualarm_cli.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
-    from dualarm_cli.model.seam import SeamWork
+    from dualarm_cli.model.process_work import SeamWork
     from dualarm_cli.report.curve_report import CurveReport
 
 INTERVAL = "4 ms"

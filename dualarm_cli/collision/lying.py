@@ -13,8 +13,8 @@ from dualarm_cli.collision.solids import WORLD, Solid, shape_solid, solid_distan
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.cell import Cell, Held
-from dualarm_cli.model.handover import Handover, taken_part
 from dualarm_cli.model.job import LYING, TAKES, PoseTarget, Stop, Task
+from dualarm_cli.model.part_flow import Handover, taken_part
 from dualarm_cli.records import dataclass
 
 

@@ -1,7 +1,4 @@
-"""Cell: a robot with tools, named frames, parts and obstacles.
-
-Conveyors of a cell, and targets that they carry past the robot.
-"""
+"""Cell: a robot with tools, named frames, parts and obstacles."""
 
 from __future__ import annotations
 
@@ -10,8 +7,7 @@ from dataclasses import field, replace
 
 import pinocchio as pin
 
-from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.geometry.products import norm
+from dualarm_cli.model.part_flow import Conveyor, taken_part
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
@@ -155,74 +151,33 @@ class Cell:
         part = self.parts[held.part] if held.part else ()
         return of_tool, tuple(replace(shape, pose=T_own_tool * shape.pose) for shape in part)
 
+    def with_taken_part(self, part: str, task: str, grip: pin.SE3) -> Cell:
+        """Add a part, as held by the taking tool of a hand-over.
 
-@dataclass(frozen=True)
-class Buffer:
-    """Storage for a limited number of equal parts.
+        It has the same solids, clearances and allowed contacts as in the giving tool.
 
-    A place takes its room from its event on, the tool at the target; its part can be taken once its dwell is over. A
-    pick takes its part at its event, and frees the room once its dwell is over.
-    """
-
-    capacity: int
-    """Maximum number of parts."""
-    initial: int = 0
-    """Number of parts at the start."""
-    place: Place = NOWHERE
-    """Place of the buffer in its file."""
-
-
-@dataclass(frozen=True)
-class Conveyor:
-    """Belt with constant velocity."""
-
-    name: str
-    """Name in the cell file."""
-    velocity: FloatArray
-    """Velocity in the world [m/s], shape (3,); not zero."""
-
-    def __post_init__(self) -> None:
-        """Freeze the array."""
-        object.__setattr__(self, "velocity", readonly(self.velocity))
-
-    @property
-    def speed(self) -> float:
-        """Length of the velocity [m/s]."""
-        return float(norm(self.velocity))
-
-
-@dataclass(frozen=True)
-class OnBelt:
-    """Motion of a target with a conveyor, and its reachable range.
-
-    The target does not turn.
-    """
-
-    conveyor: Conveyor
-    """Conveyor that carries the target."""
-    passes: float
-    """Time at which the target passes the file's pose [s]; it may be reached from then on."""
-    within: float
-    """Largest distance past the file's pose at which the target may be reached [m]."""
-    at: float
-    """Time at which the target is at the stop's own pose [s].
-
-    At first this is `passes`, later the planned time of the event.
-    """
-
-    @property
-    def last(self) -> float:
-        """Time at which the target is `within` past the file's pose [s]."""
-        return self.passes + self.within / self.conveyor.speed
-
-    def gone(self, time: float) -> float:
-        """Compute the distance past the file's pose at a time [m], negative before it."""
-        return self.conveyor.speed * (time - self.passes)
-
-    def moved(self, pose: pin.SE3, time: float) -> tuple[pin.SE3, OnBelt]:
-        """Move a pose at time `at` with the belt to another time [s].
-
-        The target comes back with the new time as `at`.
+        Args:
+            part: its name.
+            task: the hand-over's.
+            grip: the taking tool's centre point in the giving tool's.
         """
-        shift = self.conveyor.velocity * (time - self.at)
-        return pin.SE3(pose.rotation, pose.translation + shift), replace(self, at=time)
+        name, back = taken_part(part, task), grip.inverse()
+        shapes = tuple(replace(shape, pose=back * shape.pose) for shape in self.parts[part])
+        clearances = [pair for pair in self.clearances if part in pair[:2]]
+        contacts = [pair for pair in self.allowed_contacts if part in pair]
+
+        def in_taker(body: str) -> str:
+            return name if body == part else body
+
+        return replace(
+            self,
+            clearances=(
+                *self.clearances,
+                *((in_taker(a), in_taker(b), least) for a, b, least in clearances),
+            ),
+            allowed_contacts=(
+                *self.allowed_contacts,
+                *((in_taker(a), in_taker(b)) for a, b in contacts),
+            ),
+            parts={**self.parts, name: shapes},
+        )

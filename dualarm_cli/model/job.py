@@ -13,12 +13,11 @@ import pinocchio as pin
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.budget import Budget
-from dualarm_cli.model.cell import Buffer, Cell, Held, OnBelt
-from dualarm_cli.model.handover import Handover
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.cell import Cell, Held
+from dualarm_cli.model.part_flow import Buffer, Handover, OnBelt
 from dualarm_cli.model.place import NOWHERE, Place
+from dualarm_cli.model.process_work import PathWork, SeamWork
 from dualarm_cli.model.robot import JointLimits, Robot
-from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.records import ShownInNotebooks, dataclass
 from dualarm_cli.refusals import Refusal
 

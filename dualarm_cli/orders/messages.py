@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.job import ANY, Job, Task
+from dualarm_cli.model.part_flow import Buffer
 from dualarm_cli.orders.model.buffer_numbers import used_buffers
 from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.paired.problem import StageProblem

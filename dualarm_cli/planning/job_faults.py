@@ -23,7 +23,7 @@ from dualarm_cli.kinematics.posture_source import PROVEN_MISS
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.lying import lying_throughout
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.orders.model.tool_changes import with_changes
 from dualarm_cli.planning.room_rules import RoomRules
 from dualarm_cli.postures.holding import Holding, too_near_obstacle

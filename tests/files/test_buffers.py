@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.cell import Buffer
+from dualarm_cli.model.part_flow import Buffer
 
 Messages = Callable[..., list[str]]
 MARK = "¦"

@@ -12,7 +12,7 @@ import pytest
 
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.cell import Conveyor, OnBelt
+from dualarm_cli.model.part_flow import Conveyor, OnBelt
 
 Change = Callable[..., None]
 Messages = Callable[..., list[str]]

@@ -13,7 +13,7 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.curves.tool_path import Line, Spline, Turn
 from dualarm_cli.model.job import Job, PoseTarget
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 
 Change = Callable[..., None]
 Messages = Callable[..., list[str]]

@@ -15,7 +15,7 @@ from dualarm_cli.model.curves.contours import Ellipse, LineContour, Saddle, Sphe
 from dualarm_cli.model.curves.feature_curve import FeatureCurve, PoseCurve
 from dualarm_cli.model.curves.point_spline import PointSpline
 from dualarm_cli.model.job import SeamTarget
-from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.model.process_work import SeamWork
 
 Change = Callable[..., None]
 Messages = Callable[..., list[str]]

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.model.cell import Cell, Tool
-from dualarm_cli.model.handover import Handover, taken_part
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.part_flow import Handover, taken_part
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event
 

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.cell import Cell, ChangedTool, Conveyor, OnBelt, Tool, ToolChanges
-from dualarm_cli.model.handover import Handover, taken_part, with_taken_part
+from dualarm_cli.model.cell import Cell, ChangedTool, Tool, ToolChanges
 from dualarm_cli.model.job import ANY, Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.part_flow import Conveyor, Handover, OnBelt, taken_part
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.shape import Shape
@@ -93,7 +93,7 @@ def test_a_taken_part_hangs_in_the_other_tool_with_the_same_neighbours() -> None
     grip = ahead(0.4, np.pi)
     name = taken_part("plate", "flip")
     assert (name, taken_part("", "flip")) == ("plate@flip", "")
-    cell = with_taken_part(CELL, "plate", "flip", grip)
+    cell = CELL.with_taken_part("plate", "flip", grip)
     assert set(cell.parts) == {"plate", name}
     np.testing.assert_allclose(cell.parts[name][0].pose.translation, [-0.1, 0, -0.4], atol=1e-12)
     assert cell.parts[name][0].size == CELL.parts["plate"][0].size

@@ -9,7 +9,7 @@ import pytest
 from dualarm_cli.model.curves.contours import LineContour
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
 from dualarm_cli.model.curves.tool_path import Line, ToolPath
-from dualarm_cli.model.seam import Hold, SeamTool, SeamWork, longest_ramp
+from dualarm_cli.model.process_work import Hold, SeamTool, SeamWork, longest_ramp
 
 LINE = FeatureCurve(
     LineContour(np.zeros(3), np.array([0.2, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),

@@ -16,8 +16,9 @@ from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.cell import Buffer, Held
+from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import PoseTarget
+from dualarm_cli.model.part_flow import Buffer
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape

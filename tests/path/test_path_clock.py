@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.kinds.path.context import PathClock
 from dualarm_cli.model.curves.tool_path import Line, ToolPath
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 
 
 def polyline(*points):

@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.kinds.path.context import PATH, PathClock, tool_targets
 from dualarm_cli.model.curves.tool_path import Line, ToolPath, Turn
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 
 TOLERANCE = 1e-4
 RADIUS, SPEED = 0.05, 0.2

@@ -15,7 +15,7 @@ from dualarm_cli.cli.run import run
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.buffer.checks import check_buffers
-from dualarm_cli.model.cell import Buffer
+from dualarm_cli.model.part_flow import Buffer
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.decided_jobs import stage_by_stage

@@ -17,8 +17,8 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.handover.reading import handover_shares
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.job import PoseTarget
+from dualarm_cli.model.part_flow import Buffer
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.planning.planner import plan_without_bound

@@ -20,10 +20,9 @@ from dualarm_cli.model.curves.contours import LineContour
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
 from dualarm_cli.model.curves.tool_path import Line, ToolPath
 from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
-from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE
+from dualarm_cli.model.process_work import Hold, PathWork, SeamTool, SeamWork
 from dualarm_cli.model.rest_to_rest import RestToRest
-from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import bound_line

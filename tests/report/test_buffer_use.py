@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinds.buffer.measures import buffer_lines, buffer_rows
-from dualarm_cli.model.cell import Buffer
+from dualarm_cli.model.part_flow import Buffer
 from dualarm_cli.model.schedule import Event
 from dualarm_cli.report.report import wait_rows
 

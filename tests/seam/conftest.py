@@ -19,7 +19,7 @@ from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.curves.contours import Ellipse, LineContour
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
-from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
+from dualarm_cli.model.process_work import Hold, SeamTool, SeamWork
 
 BOTH = "tools: {left: {tcp: {xyz: [0, 0, 100 mm]}}, right: {tcp: {xyz: [0, 0, 200 mm], rpy: [0, 0, 30 deg]}}}"
 CELLS = {

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dualarm_cli.kinds.seam.closed_chain.chain import KEPT, TURN, Chain, lean_and_spin
-from dualarm_cli.model.seam import SeamTool
+from dualarm_cli.model.process_work import SeamTool
 
 PLAIN = SeamTool()
 

@@ -12,7 +12,7 @@ import pytest
 
 from dualarm_cli.kinds.seam.closed_chain.chain import KEPT, Chain
 from dualarm_cli.kinds.seam.closed_chain.closing import CLOSING, all_equations, close, least_norm
-from dualarm_cli.model.seam import SeamTool
+from dualarm_cli.model.process_work import SeamTool
 
 
 @pytest.fixture(scope="module")

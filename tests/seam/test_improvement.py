@@ -19,7 +19,7 @@ from dualarm_cli.kinds.seam.closed_chain.starts import (
     standing_joints,
 )
 from dualarm_cli.model.curves.tool_path import ToolPath, Turn
-from dualarm_cli.model.seam import Hold, SeamTool
+from dualarm_cli.model.process_work import Hold, SeamTool
 
 
 @pytest.fixture(scope="module")

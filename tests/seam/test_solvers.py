@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
-from dualarm_cli.model.seam import Hold, SeamTool
+from dualarm_cli.model.process_work import Hold, SeamTool
 
 LEAST = 1.03
 """The smoothing at the end may cost a percent, twice."""

@@ -19,7 +19,7 @@ from dualarm_cli.kinds.seam.closed_chain.starts import (
 from dualarm_cli.model.curves.contours import LineContour
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
 from dualarm_cli.model.curves.point_spline import PointSpline
-from dualarm_cli.model.seam import Hold, SeamTool
+from dualarm_cli.model.process_work import Hold, SeamTool
 
 
 @pytest.mark.parametrize("moving", [False, True])

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dualarm_cli.kinds.buffer.checks import check_buffers
-from dualarm_cli.model.cell import Buffer
+from dualarm_cli.model.part_flow import Buffer
 
 
 @pytest.fixture(scope="module")

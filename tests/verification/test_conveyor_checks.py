@@ -8,9 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.cell import Cell, Conveyor, OnBelt, Tool
+from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.part_flow import Conveyor, OnBelt
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Provenance, Schedule, ScheduleRobot, Segment, Stage

@@ -22,7 +22,7 @@ from dualarm_cli.kinds.seam.checks import (
 )
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.model.joint_motion import JointMotion
-from dualarm_cli.model.seam import Hold, SeamTool
+from dualarm_cli.model.process_work import Hold, SeamTool
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory

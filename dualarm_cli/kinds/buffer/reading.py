@@ -14,8 +14,8 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TargetSection, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
-from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.job import Job, Stop
+from dualarm_cli.model.part_flow import Buffer
 from dualarm_cli.model.place import Place
 from dualarm_cli.notes import NoteTable
 

@@ -13,7 +13,8 @@ from dualarm_cli.files.cells.cells import AddedToCell, CellReader, KindCell
 from dualarm_cli.files.cells.schema_cell import CellFile
 from dualarm_cli.files.source.fields import Name, Section, Velocity3, refuse
 from dualarm_cli.geometry.products import product
-from dualarm_cli.model.cell import Conveyor, Tool
+from dualarm_cli.model.cell import Tool
+from dualarm_cli.model.part_flow import Conveyor
 
 SLOWEST_BELT = 1e-4
 """Least speed of a conveyor [m/s]."""

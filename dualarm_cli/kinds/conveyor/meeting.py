@@ -13,8 +13,8 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.conveyor.tracking import Tracking
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.srs.srs_limits import wrap
-from dualarm_cli.model.cell import OnBelt
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.part_flow import OnBelt
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import MotionCache

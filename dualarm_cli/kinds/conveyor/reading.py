@@ -14,8 +14,8 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TargetSection, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE, incompatible_kinds, incompatible_tasks
-from dualarm_cli.model.cell import OnBelt
 from dualarm_cli.model.job import Stop, Task
+from dualarm_cli.model.part_flow import OnBelt
 
 
 class ConveyorTarget(TargetSection):

@@ -12,8 +12,8 @@ from dualarm_cli.files.source.fields import FramedPose, Name, ToolPose, refuse, 
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
-from dualarm_cli.model.handover import Handover, taken_part, with_taken_part
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.part_flow import Handover, taken_part
 from dualarm_cli.model.place import Place
 
 _NO_FREEDOM = {
@@ -144,7 +144,7 @@ def with_taken_parts(document: Document, model: TasksFile, job: Job) -> Job:
         work = task.handover
         # The giving task comes first; the taking task's part is created here.
         if work is not None and task.stops[0].action == "pick" and task.part:
-            cell = with_taken_part(cell, task.part, task.id, work.grip)
+            cell = cell.with_taken_part(task.part, task.id, work.grip)
     return replace(job, cell=cell)
 
 

@@ -12,7 +12,7 @@ from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH, ToolPath
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass

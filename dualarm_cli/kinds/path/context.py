@@ -20,7 +20,7 @@ from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH, Poses, ToolPath
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass

@@ -28,7 +28,7 @@ from dualarm_cli.kinematics.manipulability import manipulability
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.curves.tool_path import RoundedCorner
 from dualarm_cli.model.job import Job, Task
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel

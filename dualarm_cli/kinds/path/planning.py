@@ -34,7 +34,7 @@ from dualarm_cli.kinds.planning import (
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.whole_body import Reached
 from dualarm_cli.model.job import Job, PoseTarget, Task
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.motion.builder import MotionBuilder
 from dualarm_cli.postures.holding import Holding

@@ -31,7 +31,7 @@ from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import cos, sin
 from dualarm_cli.model.job import Dwell, PoseTarget, Stop, Task
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 
 Tolerance = Annotated[
     float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, plain=LONGEST_CLEARANCE)

@@ -12,7 +12,7 @@ from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.path.following.arm_angle import coarse_tracks, flange_poses
 from dualarm_cli.kinematics.cell_model import ArmModel
 from dualarm_cli.kinematics.whole_body import Reached, reach
-from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 

@@ -12,8 +12,8 @@ from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.process_work import SeamWork, longest_ramp
 from dualarm_cli.model.schedule import Schedule, Segment
-from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.criteria import NO_TASKS, Criterion, not_checked

@@ -22,8 +22,8 @@ from dualarm_cli.kinds.seam.checks import MeasuredSeam, OnSeam
 from dualarm_cli.kinematics.manipulability import manipulability
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.process_work import SeamWork
 from dualarm_cli.model.schedule import Schedule, Segment
-from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel
 

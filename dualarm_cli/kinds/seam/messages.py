@@ -9,7 +9,7 @@ from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam
 from dualarm_cli.kinds.seam.motion import TimedSeam
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
-from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.model.process_work import SeamWork
 from dualarm_cli.notes import NoteTable
 from dualarm_cli.refusals import Refusal
 

@@ -25,8 +25,8 @@ from dualarm_cli.kinds.seam.motion import is_too_fast, timed_seam
 from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.kinds.seam.record import PlannedSeam, quicker_seam
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.process_work import SeamWork
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass

@@ -27,7 +27,7 @@ from dualarm_cli.model.curves.feature_curve import (
 )
 from dualarm_cli.model.curves.point_spline import PointSpline
 from dualarm_cli.model.job import Dwell, SeamTarget, Stop, Task
-from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
+from dualarm_cli.model.process_work import Hold, SeamTool, SeamWork
 from dualarm_cli.records import dataclass
 
 

@@ -15,7 +15,7 @@ from dualarm_cli.geometry.rotations import log_rotation, skew
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.whole_body import cross
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.model.process_work import SeamWork
 from dualarm_cli.records import dataclass
 
 TURN = 0.1

@@ -1,0 +1,103 @@
+"""Flow of parts: conveyors and the targets that they carry, buffers, hand-overs between arms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pinocchio as pin
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.products import norm
+from dualarm_cli.model.place import NOWHERE, Place
+from dualarm_cli.records import dataclass
+
+
+@dataclass(frozen=True)
+class Conveyor:
+    """Belt with constant velocity."""
+
+    name: str
+    """Name in the cell file."""
+    velocity: FloatArray
+    """Velocity in the world [m/s], shape (3,); not zero."""
+
+    def __post_init__(self) -> None:
+        """Freeze the array."""
+        object.__setattr__(self, "velocity", readonly(self.velocity))
+
+    @property
+    def speed(self) -> float:
+        """Length of the velocity [m/s]."""
+        return float(norm(self.velocity))
+
+
+@dataclass(frozen=True)
+class OnBelt:
+    """Motion of a target with a conveyor, and its reachable range.
+
+    The target does not turn.
+    """
+
+    conveyor: Conveyor
+    """Conveyor that carries the target."""
+    passes: float
+    """Time at which the target passes the file's pose [s]; it may be reached from then on."""
+    within: float
+    """Largest distance past the file's pose at which the target may be reached [m]."""
+    at: float
+    """Time at which the target is at the stop's own pose [s].
+
+    At first this is `passes`, later the planned time of the event.
+    """
+
+    @property
+    def last(self) -> float:
+        """Time at which the target is `within` past the file's pose [s]."""
+        return self.passes + self.within / self.conveyor.speed
+
+    def gone(self, time: float) -> float:
+        """Compute the distance past the file's pose at a time [m], negative before it."""
+        return self.conveyor.speed * (time - self.passes)
+
+    def moved(self, pose: pin.SE3, time: float) -> tuple[pin.SE3, OnBelt]:
+        """Move a pose at time `at` with the belt to another time [s].
+
+        The target comes back with the new time as `at`.
+        """
+        shift = self.conveyor.velocity * (time - self.at)
+        return pin.SE3(pose.rotation, pose.translation + shift), replace(self, at=time)
+
+
+@dataclass(frozen=True)
+class Buffer:
+    """Storage for a limited number of equal parts.
+
+    A place takes its room from its event on, the tool at the target; its part can be taken once its dwell is over. A
+    pick takes its part at its event, and frees the room once its dwell is over.
+    """
+
+    capacity: int
+    """Maximum number of parts."""
+    initial: int = 0
+    """Number of parts at the start."""
+    place: Place = NOWHERE
+    """Place of the buffer in its file."""
+
+
+@dataclass(frozen=True)
+class Handover:
+    """Arms and grip of a hand-over."""
+
+    giver: str
+    """Arm that picks and gives."""
+    taker: str
+    """Arm that takes and places."""
+    grip: pin.SE3
+    """Taking tool centre point in the frame of the giving one."""
+    place: Place = NOWHERE
+    """Place of the hand-over in its file."""
+
+
+def taken_part(part: str, task: str) -> str:
+    """Name a part as held by the taking tool; empty for none."""
+    return f"{part}@{task}" if part else ""
