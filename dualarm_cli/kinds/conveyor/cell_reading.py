@@ -56,10 +56,9 @@ def read_conveyors(
     conveyors = {}
     for name, section in model.conveyors.items():
         loc = ("conveyors", name, "in")
-        T_world_frame = frame_pose(reader.document, loc, section.in_, frames, reader.findings)
-        if T_world_frame is not None:
-            velocity = product(T_world_frame.rotation, np.array(section.velocity))
-            conveyors[name] = Conveyor(name, velocity)
+        frame = frame_pose(reader.document, loc, section.in_, frames, reader.findings)
+        if frame is not None:
+            conveyors[name] = Conveyor(name, product(frame.rotation, np.array(section.velocity)))
     return AddedToCell({"conveyors": conveyors})
 
 
