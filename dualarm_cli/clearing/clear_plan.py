@@ -215,7 +215,8 @@ class ClearanceLoop:
                 collision_free.append(plan)
                 best = _better(best, plan)
             elif not is_slower and is_repairable:
-                self.progress("avoiding collisions")
+                count, total = len(colliding_stages), len(plan.plans)
+                self.progress(f"avoiding collisions in {count} of {total} stages")
                 best = _better(best, self.clearing.repaired(plan, colliding_stages, give_up=True))
         if best is None:
             return None
@@ -234,7 +235,7 @@ class ClearanceLoop:
         for round_ in range(self.settings.rounds_while_blocked):
             if round_ >= self.settings.rounds and self.best and not self.best.cleared.blocked:
                 break
-            self.progress("choosing postures again, avoiding collisions")
+            self.progress(f"choosing postures again, avoiding collisions (round {round_ + 1})")
             is_cheap = self.best and not self.best.costs_more_than(
                 self.settings.compare_less_effort
             )

@@ -50,7 +50,7 @@ def decided_plan(
     problem = replace(
         work.problem, start=start, repair_touching_stops=repair_touching_stops, job=job
     )
-    watch.report(f"deciding platform angles and postures ({work.method.name})")
+    watch.report(f"deciding platform angles and postures of {len(job.stages())} stages")
     quickest = next((kind.quickest for kind in work.kinds if kind.quickest), quickest_clear)
     solve, check = work.method.solve, work.check_collisions
     cleared = quickest(problem, solve, work.timing, watch.report, check_collisions=check)

@@ -159,7 +159,7 @@ def _quickest(
             break
         if tried.repeats(order.job):
             continue
-        watch.report(f"planning order {number} (about {order.total:.2f} s)")
+        watch.report(f"planning order {number} of {len(orders)} (estimate {order.total:.2f} s)")
         begin = watch.elapsed()
         try:
             schedule = planned(order)

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -94,7 +95,7 @@ def notes_of(out):
 def test_ctrl_c_ends_the_search_and_the_best_order_so_far_is_planned(open_order, tmp_path):
     """What happens now is said at once; files are written, verified, and say that it was interrupted."""
     watched = Watched(open_order, tmp_path / "out", *LONG)
-    watched.read(r"putting tasks in order: best \d+\.\d\d s, \d+ s")
+    watched.read(r"putting tasks in order: estimate \d+\.\d\d s, \d+ s")
     watched.interrupt()
     watched.read(re.escape(STOPPING), seconds=AT_ONCE)
     code = watched.end()
@@ -108,7 +109,7 @@ def test_ctrl_c_ends_the_search_and_the_best_order_so_far_is_planned(open_order,
 def test_a_second_ctrl_c_gives_up(open_order, tmp_path):
     """130 within two seconds; no file is written."""
     watched = Watched(open_order, tmp_path / "out", *LONG)
-    watched.read(r"order: best")
+    watched.read(r"order: estimate")
     watched.interrupt()
     watched.read(re.escape(STOPPING))
     watched.interrupt()
@@ -123,7 +124,7 @@ def test_a_second_ctrl_c_gives_up(open_order, tmp_path):
 def test_sigterm_ends_a_search_at_once(open_order, tmp_path):
     """143 within two seconds, whatever has been found."""
     watched = Watched(open_order, tmp_path / "out", *LONG)
-    watched.read(r"order: best")
+    watched.read(r"order: estimate")
     watched.process.send_signal(signal.SIGTERM)
     begin = time.monotonic()
     assert watched.end() == 143
@@ -193,21 +194,33 @@ def test_a_time_limit_that_is_none_is_refused(limit, words, capsys):
     assert words in capsys.readouterr().err
 
 
-def test_the_status_line_says_what_a_search_has_and_for_how_long():
-    """Best and bound as soon as there are any; after the search only what is being done."""
+def test_the_status_line_says_what_a_search_has_and_for_how_long(monkeypatch):
+    """Totals of a search are estimates, "best" is the cycle time of a plan; of counted steps what is left."""
+    now = 100.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
     watch = Watch(limit=30.0)
     line = StatusLine(watch, "planning")
-    assert line.words() == "planning"
+    assert line.words() == "planning: 0 s"
     watch.begin()
     watch.report("putting tasks in order")
     assert line.words() == "putting tasks in order: 0 s of 30 s"
     for total, bound in ((38.0, 30.0), (37.6, 33.1), (39.0, 32.0)):
         watch.record(total)
         watch.record_bound(bound)
-    assert line.words() == "putting tasks in order: best 37.60 s, bound 33.10 s, 0 s of 30 s"
+    figures = "estimate 37.60 s, bound of the search 33.10 s"
+    assert line.words() == f"putting tasks in order: {figures}, 0 s of 30 s"
+    watch.report("planning order 1 of 4 (estimate 37.60 s)")
+    now = 108.0
+    watch.keep(SimpleNamespace(duration=40.5))
+    watch.report("planning order 3 of 4 (estimate 38.20 s)")
+    watch.report("avoiding collisions in 2 of 9 stages")
+    assert line.words() == (
+        "planning order 3 of 4 (estimate 38.20 s): avoiding collisions in 2 of 9 stages: "
+        "best 40.50 s, bound of the search 33.10 s, 8 s of 30 s, at most about 8 s left"
+    )
     watch.end()
     watch.report("verifying")
-    assert line.words() == "verifying"
+    assert line.words() == "verifying: best 40.50 s, 8 s"
 
 
 @pytest.mark.slow
