@@ -46,7 +46,10 @@ class Watch:
     """Quickest plan of the whole job so far, with its notes, or None."""
     catching: bool = False
     """Whether the planner continues with the best plan after a SeenEnoughError."""
+    step: tuple[int, int] = (0, 0)
+    """Number of the order that is planned, from 1, and of all orders to plan; 0 without."""
     _begin: float = field(default_factory=time.monotonic)
+    _counted: float = 0.0
 
     @property
     def endable(self) -> bool:
@@ -65,9 +68,22 @@ class Watch:
         self.best = self.bound = self.file_order_best = None
         self.searching = True
 
+    def count(self, number: int, total: int) -> None:
+        """Count an order to plan, of a number of orders; 0 ends counting."""
+        self.step = number, total
+        if number <= 1:
+            self._counted = time.monotonic()
+
+    def left(self) -> float | None:
+        """Estimate the time left for the counted orders [s], or None."""
+        number, total = self.step
+        if number <= 1:
+            return None
+        return (time.monotonic() - self._counted) * (total - number + 1) / (number - 1)
+
     def end(self) -> None:
         """Mark the end of the search."""
-        self.searching = False
+        self.searching, self.step = False, (0, 0)
 
     def record(self, total: float) -> None:
         """Record the total of a result of the search [s]."""

@@ -159,7 +159,8 @@ def _quickest(
             break
         if tried.repeats(order.job):
             continue
-        watch.report(f"planning order {number} of {len(orders)} (estimate {order.total:.2f} s)")
+        watch.count(number, len(orders))
+        watch.report(f"planning order {number} (estimate {order.total:.2f} s)")
         begin = watch.elapsed()
         try:
             schedule = planned(order)
@@ -173,6 +174,7 @@ def _quickest(
         longest = max(longest, watch.elapsed() - begin)
         if best is None or schedule.duration < best.duration:
             best = schedule
+    watch.count(0, 0)
     if best is None:
         # A search without orders has raised an error before.
         assert failure is not None

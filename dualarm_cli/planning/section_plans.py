@@ -216,7 +216,8 @@ def quickest_of_sections(work: PlannedJob, watch: Watch) -> Schedule:
         if best is not None and watch.stop(longest):
             break
         begin = watch.elapsed()
-        watch.report(f"planning order {number} of {len(orders)}")
+        watch.count(number, len(orders))
+        watch.report(f"planning order {number} of tasks of both arms")
         tried += 1
         try:
             schedule = sections_plan(work.with_job(order), watch)

@@ -209,14 +209,16 @@ def test_the_status_line_says_what_a_search_has_and_for_how_long(monkeypatch):
         watch.record_bound(bound)
     figures = "estimate 37.60 s, bound of the search 33.10 s"
     assert line.words() == f"putting tasks in order: {figures}, 0 s of 30 s"
-    watch.report("planning order 1 of 4 (estimate 37.60 s)")
+    watch.count(1, 4)
+    assert line.words() == f"putting tasks in order: order 1 of 4, {figures}, 0 s of 30 s"
     now = 108.0
     watch.keep(SimpleNamespace(duration=40.5))
-    watch.report("planning order 3 of 4 (estimate 38.20 s)")
+    watch.count(3, 4)
     watch.report("avoiding collisions in 2 of 9 stages")
+    # Two orders took 8 s, two are left.
     assert line.words() == (
-        "planning order 3 of 4 (estimate 38.20 s): avoiding collisions in 2 of 9 stages: "
-        "best 40.50 s, bound of the search 33.10 s, 8 s of 30 s, at most about 8 s left"
+        "avoiding collisions in 2 of 9 stages: order 3 of 4, best 40.50 s, "
+        "bound of the search 33.10 s, 8 s of 30 s, at most about 8 s left"
     )
     watch.end()
     watch.report("verifying")

@@ -7,7 +7,6 @@ activity. `dualarm plan --watch` plans again whenever a file of the job changes,
 from __future__ import annotations
 
 import os
-import re
 import signal
 import sys
 import time
@@ -112,39 +111,32 @@ class StatusLine:
 
     def __init__(self, watch: Watch, doing: str) -> None:
         """Start with the first activity; the watch reports the next ones."""
-        self.watch, self.doing, self.step = watch, doing, ""
-        self.done = self.steps = 0
-        self.begun = self.stepped = time.monotonic()
+        self.watch, self.doing, self.begun = watch, doing, time.monotonic()
         watch.report = self.tell
 
     def tell(self, doing: str) -> None:
-        """Change the displayed activity, within the counted step that it belongs to."""
-        if counted := re.match(r"planning order (\d+) of (\d+)", doing):
-            self.step, self.done, self.steps = doing, int(counted[1]) - 1, int(counted[2])
-            if not self.done:
-                self.stepped = time.monotonic()
-        elif doing.startswith(("planning ", "putting ", "bounding ", "trying ")):
-            self.step, self.done = "", 0
+        """Change the displayed activity."""
         self.doing = doing
 
     def words(self) -> str:
         """Return the current text with best cycle time, bound, elapsed time and time left."""
-        watch, now, figures = self.watch, time.monotonic(), list[str]()
+        watch, figures = self.watch, list[str]()
+        number, total = watch.step
+        if number:
+            figures.append(f"order {number} of {total}")
         if watch.best_plan is not None:
             figures.append(f"best {watch.best_plan.duration:.2f} s")
         elif watch.searching and watch.best is not None:
             figures.append(f"estimate {watch.best:.2f} s")
         if watch.searching and watch.bound is not None:
             figures.append(f"bound of the search {watch.bound:.2f} s")
-        limited = watch.searching and watch.limit is not None
-        elapsed = f"{watch.elapsed():.0f} s of {watch.limit:g} s" if limited else ""
-        figures.append(elapsed or f"{now - self.begun:.0f} s")
-        stepping = watch.searching and self.step not in ("", self.doing)
-        if watch.searching and self.done:
-            left = (now - self.stepped) / self.done * (self.steps - self.done)
+        elapsed = f"{time.monotonic() - self.begun:.0f} s"
+        if watch.searching and watch.limit is not None:
+            elapsed = f"{watch.elapsed():.0f} s of {watch.limit:g} s"
+        figures.append(elapsed)
+        if (left := watch.left()) is not None:
             figures.append(f"at most about {left:.0f} s left")
-        doing = f"{self.step}: {self.doing}" if stepping else self.doing
-        return f"{doing}: {', '.join(figures)}"
+        return f"{self.doing}: {', '.join(figures)}"
 
     def __rich__(self) -> Text:
         """Return the line as rich text."""
