@@ -226,7 +226,7 @@ def test_notes_are_data() -> None:
                 added = [node.value]
             elif isinstance(node, ast.FunctionDef) and node.name.endswith("notes"):
                 added = [n.value for n in ast.walk(node) if isinstance(n, ast.Return) and n.value]
-            elif isinstance(node, ast.keyword) and node.arg in ("notes", "unbounded", "together"):
+            elif isinstance(node, ast.keyword) and node.arg in ("notes", "unbounded"):
                 added = [node.value]
             found += [(name, ast.unparse(one)) for one in added if _written(one)]
     assert found == []

@@ -155,7 +155,7 @@ class NonlinearProgram(ABC):
                 transfer = self.time(guess)
                 self.below += within_reach(arm.law, q[0] - came, transfer)
                 self._platform(angles[k + 1] - angles[k], transfer)
-            if k in problem.together:
+            if k in problem.handover_stages:
                 self.met.setdefault(k, []).append((transfer, work))
             else:
                 self.below.append(transfer + work - self.length[k])

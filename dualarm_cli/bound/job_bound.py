@@ -331,7 +331,7 @@ class JobBound:
         """
         problem = problem.under(self.blending.law)
         arms = [list(arm.stops) for arm in problem.arms]
-        for k in problem.together.tolist():
+        for k in problem.handover_stages.tolist():
             least = [_least_work(problem, a, k, self.effort) for a in range(len(arms))]
             for a, stops in enumerate(arms):
                 stop = stops[k]

@@ -34,7 +34,7 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     """Plan asynchronous arms in the best orders; return the fastest plan.
 
     The platform stands at one angle while both arms work, or at several ones after another; where neither is quicker,
-    both arms go from stage to stage together as they do where they are paired.
+    both arms start each stage together, as synchronous arms do.
 
     Args:
         work: the resolved job.
@@ -84,24 +84,24 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
             if best is None or schedule.duration < best.duration:
                 best, epochs = schedule, several
                 watch.keep(_noted(best, epoch_notes(several, None, rail=rail)))
-    together = None
-    why = [_why_together(best, turns=turns)]
+    synchronous = None
+    why = [_why_synchronous(best, turns=turns)]
     if best is None or (not watch.enough() and _may_be_quicker(work, best)):
         watch.report("planning both arms in synchronous stages")
         try:
             job = stage_by_stage(with_changes(problem.job))
-            together = plan_in_best_order(
+            synchronous = plan_in_best_order(
                 work, job, watch, lambda schedule: watch.keep(_noted(schedule, why))
             )
         except InfeasibleError:
             if best is None:
                 raise
-    if best is None or (together is not None and together.duration < best.duration):
-        assert together is not None
-        return _noted(together, why)
+    if best is None or (synchronous is not None and synchronous.duration < best.duration):
+        assert synchronous is not None
+        return _noted(synchronous, why)
     if epochs is None:
-        return _noted(best, free_notes(orders, total, together, turns=turns))
-    return _noted(best, epoch_notes(epochs, together, rail=rail))
+        return _noted(best, free_notes(orders, total, synchronous, turns=turns))
+    return _noted(best, epoch_notes(epochs, synchronous, rail=rail))
 
 
 def _schedule(work: PlannedJob, motion: Motion, job: Job) -> Schedule:
@@ -120,7 +120,7 @@ def _turns(model: CellModel) -> bool:
     return model.platform.is_chosen and len(model.arms) > 1
 
 
-def _why_together(asynchronous: Schedule | None, *, turns: bool) -> str:
+def _why_synchronous(asynchronous: Schedule | None, *, turns: bool) -> str:
     """Return the reason for stage-by-stage arms, as text."""
     if asynchronous is None:
         return mode_note("no_own_clocks", turns=turns)
@@ -156,7 +156,7 @@ def _worth_planning(orders: FreeOrders, effort: EffortSettings) -> list[FreeOrde
     ][:most]
 
 
-def epoch_notes(plan: FreeEpochs, together: Schedule | None, *, rail: bool) -> list[str]:
+def epoch_notes(plan: FreeEpochs, synchronous: Schedule | None, *, rail: bool) -> list[str]:
     """List notes on a plan whose platform stands at several positions."""
     epochs = [
         mode_note(
@@ -168,28 +168,28 @@ def epoch_notes(plan: FreeEpochs, together: Schedule | None, *, rail: bool) -> l
         for place, tasks in plan.epochs
     ]
     stands = mode_note("stands", epochs=epochs, total=plan.total)
-    return [stands, *_together_notes(together)]
+    return [stands, *_synchronous_notes(synchronous)]
 
 
-def _together_notes(together: Schedule | None) -> list[str]:
-    if together is None:
+def _synchronous_notes(synchronous: Schedule | None) -> list[str]:
+    if synchronous is None:
         return []
-    return [mode_note("synchronous", duration=together.duration)]
+    return [mode_note("synchronous", duration=synchronous.duration)]
 
 
 def free_notes(
-    orders: FreeOrders, total: float, together: Schedule | None, *, turns: bool
+    orders: FreeOrders, total: float, synchronous: Schedule | None, *, turns: bool
 ) -> list[str]:
     """List notes on a plan with a standing platform.
 
     Args:
         orders: what the search found.
         total: of the order that was planned, by the search's own times [s].
-        together: a plan in which both arms go from stage to stage together, if there is one.
+        synchronous: the plan in synchronous stages, or None.
         turns: whether there is a platform.
     """
     note = mode_note("own_clocks", turns=turns, total=total)
-    notes = [note, *_together_notes(together)]
+    notes = [note, *_synchronous_notes(synchronous)]
     if orders.exact and total <= orders.ranked[0].total:
         notes.append(order_note("best"))
     elif orders.bound is not None:

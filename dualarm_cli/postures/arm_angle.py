@@ -38,7 +38,7 @@ def coarse_candidates(
         rows: numbers of the problems.
         complete: whether all candidates are timed.
     """
-    candidates = StopCandidates.together(
+    candidates = StopCandidates.concatenated(
         [answer for row in rows if isinstance(answer := grid[row], StopCandidates)]
     )
     swings = np.array(POSTURES.swings if batch.length.any() else (0.0,))

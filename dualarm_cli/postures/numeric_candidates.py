@@ -46,7 +46,7 @@ class NumericCandidates:
         return cls(row, target, yaw, branch, q, drift, np.repeat(q[:, None], 2, axis=1), line)
 
     @classmethod
-    def together(cls, parts: Sequence[NumericCandidates]) -> NumericCandidates:
+    def concatenated(cls, parts: Sequence[NumericCandidates]) -> NumericCandidates:
         """Concatenate the rows of several sets of candidates."""
         return cls(*(np.concatenate([getattr(w, f.name) for w in parts]) for f in fields(cls)))
 

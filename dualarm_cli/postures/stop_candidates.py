@@ -46,7 +46,7 @@ class StopCandidates:
         return cls(row, target, yaw, branch, psi, zero, zero, zero, zero)
 
     @classmethod
-    def together(cls, parts: Sequence[StopCandidates]) -> StopCandidates:
+    def concatenated(cls, parts: Sequence[StopCandidates]) -> StopCandidates:
         """Concatenate the rows of several sets of candidates."""
         return cls(*(np.concatenate([getattr(w, f.name) for w in parts]) for f in fields(cls)))
 

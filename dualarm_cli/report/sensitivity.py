@@ -236,7 +236,7 @@ class _Chains:
     """Mask of returns and of stages without work: all joints arrive together, shape (s,)."""
     recorded: FloatArray
     """Length of the longest transfer [s], shape (s,)."""
-    together: BoolArray
+    is_handover: BoolArray
     """Mask of the stages that are hand-overs, shape (s,)."""
 
 
@@ -331,9 +331,9 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
                         passing.append(_Line(name, k, segment.start, segment.end))
             fixed[name][k] = remaining
     returns = np.array([not part.stage.tasks or not part.arms for part in parts])
-    together = np.array([is_handover(part.arms) for part in parts])
+    met = np.array([is_handover(part.arms) for part in parts])
     for k, part in enumerate(parts):
-        if together[k]:
+        if met[k]:
             arrival = max(arrivals[name][k] for name in part.arms)
             moved = sum(line.end - line.start for line in lines if line.stage == k)
             first, *other_arms = fixed.values()
@@ -356,7 +356,7 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
         fixed=fixed,
         returns=returns,
         recorded=arrived - starts,
-        together=together,
+        is_handover=met,
     )
 
 
@@ -412,7 +412,7 @@ def _cycle_times(
             [np.maximum(platform, times[name]) for name in chains.fixed],
             [line_times[name][row] for name in chains.fixed],
             list(chains.fixed.values()),
-            chains.together,
+            chains.is_handover,
         )
         cycle[row] = np.where(chains.returns, longest, lengths).sum()
     return cycle

@@ -92,8 +92,8 @@ def _starting_there(plan: StagePlan) -> StagePlan:
         transfer = arm.problem.transfer_time(arm.posture.q_approach - arm.problem.start)
         lines.append(arm.posture.cost - max(float(transfer), arm.problem.waiting))
         dwells.append(arm.stop.dwell.total)
-    together = giver_and_taker(plan.stops) is not None
-    length = stage_length([0.0] * len(lines), lines, dwells, together)
+    is_handover = giver_and_taker(plan.stops) is not None
+    length = stage_length([0.0] * len(lines), lines, dwells, is_handover)
     return replace(plan, start=plan.arrival, duration=float(length))
 
 

@@ -14,7 +14,7 @@ Times = Sequence[ArrayLike] | FloatArray
 
 
 def stage_length(
-    arrivals: Times, lines: Times, dwells: Times | None = None, together: ArrayLike = False
+    arrivals: Times, lines: Times, dwells: Times | None = None, is_handover: ArrayLike = False
 ) -> FloatArray:
     """Compute the durations of stages [s], shape (...): those of the slower arm.
 
@@ -32,16 +32,16 @@ def stage_length(
         lines: by arm, time of its approach and retract [s].
         dwells: by arm, time of its tool at the target [s]; minus infinity for an arm without work. None if
             `lines` includes it.
-        together: whether a stage is a hand-over, broadcasts to (...).
+        is_handover: whether a stage is a hand-over, broadcasts to (...).
     """
     if dwells is None:
         dwells = [0.0] * len(lines)
     times = zip(arrivals, lines, dwells, strict=True)
     ends = _largest([np.add(arrived, line) + dwell for arrived, line, dwell in times])
-    if not np.any(together):
+    if not np.any(is_handover):
         return ends
     met = _largest(arrivals) + _sum(lines) + _sum(dwells)
-    return np.where(together, met, ends)
+    return np.where(is_handover, met, ends)
 
 
 def _largest(times: Times) -> FloatArray:

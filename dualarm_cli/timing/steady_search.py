@@ -144,7 +144,7 @@ RATIO = float(RAMPS[1] / RAMPS[0])
 class ProfileSettings:
     """Resolution of the search for steady profiles."""
 
-    together: int = 16
+    batch: int = 16
     """Number of ramp times per batch."""
     finer: int = 18
     """Number of finer ramp times below the first feasible one. They span the last two steps of `RAMPS` before it."""
@@ -328,8 +328,8 @@ class _Ramps:
         if self.acceleration is not None:
             least = speed / (self.acceleration * PROFILE.as_fast)
         times = RAMPS[(2.0 / speed >= RAMPS) & (least / RATIO < RAMPS)]
-        for k in range(0, len(times), PROFILE.together):
-            feasible = self.first(speed, times[k : k + PROFILE.together], JERK_SHARES)
+        for k in range(0, len(times), PROFILE.batch):
+            feasible = self.first(speed, times[k : k + PROFILE.batch], JERK_SHARES)
             if feasible is not None:
                 low = feasible.time / np.square(RATIO)
                 shorter = geometric(low, feasible.time, PROFILE.finer + 1)[:-1]

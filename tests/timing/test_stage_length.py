@@ -25,11 +25,11 @@ def test_many_stages_are_each_by_itself():
     """Random ones of both kinds against clocks that are set forward one event after the other."""
     rng = np.random.default_rng(0)
     there, work = rng.uniform(0.0, 3.0, (2, 2, 50))
-    together = rng.random(50) < 0.5
-    found = stage_length(there, work, together=together)
+    is_handover = rng.random(50) < 0.5
+    found = stage_length(there, work, is_handover=is_handover)
     for k in range(50):
         clock = list(there[:, k])
-        if together[k]:
+        if is_handover[k]:
             clock = [max(clock)] * 2
             for arm in (1, 0):
                 clock = [clock[arm] + work[arm, k]] * 2
@@ -41,10 +41,10 @@ def test_many_stages_are_each_by_itself():
 def test_choices_of_both_arms_broadcast():
     """Three ways of one arm beside two of the other one: all six pairs, by a double loop."""
     one, other = np.array([1.0, 2.0, 3.0])[:, None], np.array([0.5, 2.5])
-    for together in (False, True):
-        found = stage_length([one, other], [0.1 * one, 0.2 * other], together=together)
+    for is_handover in (False, True):
+        found = stage_length([one, other], [0.1 * one, 0.2 * other], is_handover=is_handover)
         for i, a in enumerate((1.0, 2.0, 3.0)):
             for j, b in enumerate((0.5, 2.5)):
                 ends = max(1.1 * a, 1.2 * b)
                 met = max(a, b) + 0.1 * a + 0.2 * b
-                assert found[i, j] == pytest.approx(met if together else ends, abs=1e-12)
+                assert found[i, j] == pytest.approx(met if is_handover else ends, abs=1e-12)

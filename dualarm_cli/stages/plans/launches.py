@@ -48,7 +48,7 @@ def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
     if problem.free_start:
         # A free start is the outer end of the first approach, at rest.
         passes[0, 0] = False
-    passes[problem.together] = False
+    passes[problem.handover_stages] = False
     return passes
 
 

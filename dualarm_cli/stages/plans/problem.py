@@ -242,7 +242,7 @@ class SequenceProblem:
         return len(self.arms[0].stops)
 
     @property
-    def together(self) -> IntArray:
+    def handover_stages(self) -> IntArray:
         """Indices of the hand-over stages."""
         return np.flatnonzero(self.hands_over)
 

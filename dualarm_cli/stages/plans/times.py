@@ -126,7 +126,7 @@ def stage_times(
         if problem.returns:
             back = float(work.law.duration(start - candidates.q_retract[k[-1]]))
             closing = max(closing, back)
-    return stage_length(arrived, work_times, together=problem.hands_over), closing
+    return stage_length(arrived, work_times, is_handover=problem.hands_over), closing
 
 
 def start_angle(problem: SequenceProblem, angle: FloatArray) -> float:

@@ -235,7 +235,7 @@ def stage_costs(
             transfer[0] = 0.0
         arrived[a, k] = np.maximum(transfer, waiting[k])
         work_times[a, k] = arm.work[k][:, None, :]
-    return stage_length(arrived, work_times, together=problem.hands_over[:, None, None])
+    return stage_length(arrived, work_times, is_handover=problem.hands_over[:, None, None])
 
 
 def closing_costs(

@@ -350,7 +350,7 @@ class ExactStages:
             angles[k], nodes = exact
             for a, (arm, arm_nodes) in enumerate(zip(arms, nodes, strict=True)):
                 if arm_nodes is not None:
-                    partner = nodes[1 - a] if k in problem.together else None
+                    partner = nodes[1 - a] if k in problem.handover_stages else None
                     layers[a][k] = layer_of(
                         problem, arm.table, angles[k], taking_turns(arm_nodes, partner)
                     )

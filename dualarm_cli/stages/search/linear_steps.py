@@ -154,9 +154,9 @@ class _LinearisedPlan:
             moves.append((columns, values, time[:, joint]))
         longest = np.max([move[2] for move in moves], axis=0)
         lines, dwell = self._line_columns(a, k), self.problem.arms[a].stop_table.dwell[k]
-        if len(problem.together):
+        if len(problem.handover_stages):
             # In a hand-over the other arm's lines and dwell count as well.
-            other_arm, met = 1 - a, np.isin(k, problem.together)
+            other_arm, met = 1 - a, np.isin(k, problem.handover_stages)
             theirs = np.where(met[:, None], self._line_columns(other_arm, k), -1)
             lines = np.column_stack([lines, theirs])
             dwell = dwell + np.where(met, self.problem.arms[other_arm].stop_table.dwell[k], 0.0)

@@ -160,7 +160,7 @@ class _StageNodes:
         for k, stop in enumerate(self.problem.arms[a].stops):
             if stop is None:
                 yield None
-            elif k in self.problem.together:
+            elif k in self.problem.handover_stages:
                 yield taking_turns(self._handed(a, k), self._handed(1 - a, k))
             else:
                 yield self._made(a, k)

@@ -96,8 +96,8 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     waits = np.maximum(waits, np.where(np.isfinite(no_good_waits), no_good_waits, 0.0))
     waits[:n] += np.where(both[:-1].all(axis=0), 0.0, holding.pace * PENALTY.turns)
     # In a hand-over the arms cannot go one after the other.
-    together = both[-1] & (both.all(axis=0) | ~holding.is_handover)
-    stops_clear = np.asarray(alone.all(axis=0) & together)
+    simultaneous = both[-1] & (both.all(axis=0) | ~holding.is_handover)
+    stops_clear = np.asarray(alone.all(axis=0) & simultaneous)
     stops_clear[list(test.settled)] = True
     return PlanClearance(stops_clear, np.isfinite(no_good_waits), waits)
 
