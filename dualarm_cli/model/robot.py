@@ -18,7 +18,7 @@ from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.elementary import cube
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.rest_to_rest import RestToRest
-from dualarm_cli.model.shape import Shape
+from dualarm_cli.model.shape import Shape, VisualMesh
 from dualarm_cli.records import dataclass
 
 ArmKind = Literal["srs", "spherical_wrist", "parallel_axes", "general"]
@@ -148,6 +148,8 @@ class Robot:
     """Pairs of links whose shapes may touch, because shapes are larger than links."""
     meshes: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
     """Collision meshes by link, in the links' frames; the URDF text has none."""
+    visuals: tuple[VisualMesh, ...] = field(default=(), compare=False)
+    """Meshes that show the links, if the file has any."""
 
     def __post_init__(self) -> None:
         """Add a missing home posture and freeze all.

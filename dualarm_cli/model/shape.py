@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -50,3 +51,17 @@ class Shape:
         """
         if (self.kind == "mesh") != (self.hull is not None):
             raise ValueError("a mesh has a hull, and no other shape has one")
+
+
+@dataclass(frozen=True)
+class VisualMesh:
+    """Mesh file that shows how a link looks; nothing is checked with it."""
+
+    link: str
+    """Link of the URDF."""
+    file: Path
+    """The file."""
+    scale: tuple[float, ...]
+    """Factors along x, y and z from the file's unit to metres."""
+    pose: pin.SE3
+    """Pose in the link frame."""

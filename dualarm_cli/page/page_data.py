@@ -17,7 +17,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, distinct
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.page.packed import joint_knots, packed
-from dualarm_cli.page.scene import DrawnHulls, bodies, flange, placed, solids, tcp
+from dualarm_cli.page.scene import DrawnHulls, bodies, flange, placed, solids, tcp, visuals
 from dualarm_cli.page.things import things, while_they_are_there
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.report import plan_title
@@ -57,6 +57,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "joints": _joints(schedule),
         "bodies": bodies(model, job.cell.robot, job.cell.base),
         "solids": seen,
+        "visuals": visuals(model, job.cell.robot, hulls),
         "hulls": hulls.rows,
         "tcps": {arm: {"body": body} | placed(pose) for arm, (body, pose) in tcps.items()},
         "flanges": {arm: placed(flange(model, job.cell.robot, arm).placement) for arm in tcps},

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.solids import link_solids
+from dualarm_cli.files.robots.visual_meshes import drawn_meshes
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Robot
@@ -116,6 +117,28 @@ def solids(model: pin.Model, cell: Cell, hulls: DrawnHulls) -> list[dict[str, An
     for obstacle in cell.obstacles:
         about = {"body": WORLD_BODY, "name": obstacle.name, "role": "obstacle", "arm": ""}
         rows.append(about | drawn(obstacle.shape, pin.SE3.Identity(), hulls))
+    return rows
+
+
+def visuals(model: pin.Model, robot: Robot, hulls: DrawnHulls) -> list[dict[str, Any]]:
+    """List the visual meshes of the links, simplified; unreadable files are left out.
+
+    Args:
+        model: of the robot's URDF.
+        robot: of the data model.
+        hulls: where surfaces are put.
+    """
+    side = {joint: arm.name for arm in robot.arms for joint in arm.joints}
+    surfaces = drawn_meshes(robot.visuals)
+    rows = []
+    for mesh in robot.visuals:
+        surface = surfaces.get((mesh.file, mesh.scale))
+        if surface is None:
+            continue
+        frame = model.frames[model.getFrameId(mesh.link, pin.FrameType.BODY)]
+        about = {"body": frame.parentJoint, "name": mesh.link, "role": "link"}
+        about["arm"] = side.get(model.names[frame.parentJoint], "")
+        rows.append(about | drawn(Shape("mesh", (), mesh.pose, surface), frame.placement, hulls))
     return rows
 
 

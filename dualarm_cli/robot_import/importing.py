@@ -24,10 +24,11 @@ from dualarm_cli.files.robots.robots import LoadedRobot, load_robot
 from dualarm_cli.files.robots.schema_robot import JERK_RULE
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements, moving_joints, read_urdf
 from dualarm_cli.files.robots.urdf_tree import Element
-from dualarm_cli.files.robots.urdf_writer import urdf_text
+from dualarm_cli.files.robots.urdf_writer import origin_words, urdf_text
+from dualarm_cli.files.robots.visual_meshes import drawn_meshes, visual_meshes
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import quote
-from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.model.shape import Hull, Shape, VisualMesh
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import Contact, contact_reasons, find_contacts
 from dualarm_cli.robot_import.convex_parts import convex_parts
@@ -102,9 +103,8 @@ def import_robot(request: ImportRequest) -> Imported:
     file = request.urdf.absolute()
     finder = MeshFinder(Project.of(file), file, request.packages, beyond=True)
     meshes = link_meshes(urdf, finder)
-    description = described(
-        urdf, meshes.shapes, convex_parts(urdf, finder, meshes.units, request.divided)
-    )
+    parts = convex_parts(urdf, finder, meshes.units, request.divided)
+    description = described(urdf, meshes.shapes, parts, visual_meshes(urdf, finder))
     name = urdf.root.name or request.urdf.stem
     sliding = frozenset(n for n, j in urdf.joints.items() if j.get("type") == "prismatic")
     text = RobotText(
@@ -212,6 +212,7 @@ def described(
     urdf: Urdf,
     meshes: Mapping[str, Sequence[Shape]],
     parts: Mapping[str, Sequence[Sequence[Hull]]],
+    visuals: Sequence[VisualMesh] = (),
 ) -> Described:
     """Build the description of an imported robot.
 
@@ -219,8 +220,10 @@ def described(
         urdf: as it was read.
         meshes: its collision meshes by link.
         parts: convex parts of some links' meshes, by link and mesh; other meshes become their hulls.
+        visuals: its visual meshes; they are simplified.
     """
     files: dict[str, bytes] = {}
+    drawn, shown = _drawn(visuals)
     elements = []
     for name, link in urdf.links.items():
         clean = Element("link", {"name": name})
@@ -239,6 +242,7 @@ def described(
                 mesh = Element("mesh", {"filename": path})
                 geometry = Element("geometry", {}, children=[mesh])
                 clean.children.append(Element("collision", {}, children=[*origins, geometry]))
+        clean.children += shown.get(name, [])
         elements.append(clean)
     rounded = 0
     for name, joint in urdf.joints.items():
@@ -260,10 +264,32 @@ def described(
             reasons.append(f"{whole}: taken as convex hulls, in meshes/")
     for name, divided in parts.items():
         reasons.append(f"{name}: {count_of(sum(map(len, divided)), 'convex part')}, in meshes/")
+    if drawn:
+        reasons.append(
+            f"{count_of(len(drawn), 'visual mesh', 'visual meshes')}: simplified for the page, in meshes/"
+        )
     if rounded:
         angles = count_of(rounded, "rounded angle")
         reasons.append(f"{angles} of the URDF (such as 1.5708) made exact")
-    return Described(urdf_text(urdf.root.name or "robot", elements), files, tuple(reasons))
+    return Described(urdf_text(urdf.root.name or "robot", elements), files | drawn, tuple(reasons))
+
+
+def _drawn(
+    visuals: Sequence[VisualMesh],
+) -> tuple[dict[str, bytes], dict[str, list[Element]]]:
+    """Compose the files of simplified visual meshes, and the elements that show them by link."""
+    surfaces = drawn_meshes(visuals)
+    paths = {key: f"meshes/visual_{k}.stl" for k, key in enumerate(surfaces)}
+    shown: dict[str, list[Element]] = {}
+    for mesh in visuals:
+        path = paths.get((mesh.file, mesh.scale))
+        if path is not None:
+            geometry = Element("geometry", {}, children=[Element("mesh", {"filename": path})])
+            origin = Element("origin", origin_words(mesh.pose))
+            shown.setdefault(mesh.link, []).append(
+                Element("visual", {}, children=[origin, geometry])
+            )
+    return {paths[key]: stl_bytes(surface) for key, surface in surfaces.items()}, shown
 
 
 def _exact(rpy: str) -> tuple[str, int]:

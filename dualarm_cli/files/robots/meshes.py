@@ -31,7 +31,7 @@ from dualarm_cli.files.source.projects import BadReferenceError
 from dualarm_cli.files.source.text_source import TextSource, quote, read_bytes
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.model.shape import Hull, Shape, VisualMesh
 from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 
@@ -179,12 +179,14 @@ def convex_hull(corners: FloatArray) -> Hull:
 
 @dataclass(frozen=True)
 class LinkMeshes:
-    """Collision meshes of a URDF."""
+    """Meshes of a URDF."""
 
     shapes: dict[str, tuple[Shape, ...]]
     """Hulls by link, in the link frames."""
     units: dict[str, float]
     """Length unit [m] of COLLADA files not in metres, by name in the URDF."""
+    visuals: tuple[VisualMesh, ...] = ()
+    """Meshes that show the links."""
 
     @property
     def notes(self) -> list[Note]:
@@ -196,7 +198,7 @@ class LinkMeshes:
 def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
     """Read the collision meshes of a URDF.
 
-    Visual meshes are not read: they may be missing.
+    Visual meshes are not read here: they may be missing.
 
     Args:
         urdf: a checked URDF.
@@ -219,7 +221,7 @@ def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
             except BadReferenceError as error:
                 findings.add(mesh, f"mesh: {error}")
                 continue
-            shapes[name] = (*shapes.get(name, ()), Shape("mesh", (), _pose(solid), hull))
+            shapes[name] = (*shapes.get(name, ()), Shape("mesh", (), element_pose(solid), hull))
             if unit != 1.0:
                 units[reference] = unit
     findings.raise_if_any()
@@ -231,7 +233,7 @@ def mesh_scale(mesh: Element) -> FloatArray:
     return _vector(mesh, "scale", 1.0)
 
 
-def _pose(solid: Element) -> pin.SE3:
+def element_pose(solid: Element) -> pin.SE3:
     """Read the pose of a shape in its link."""
     origin = solid.find("origin")
     if origin is None:

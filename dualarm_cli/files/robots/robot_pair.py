@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 
@@ -65,8 +67,13 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
         for side, robot in robots.items()
         for link, shapes in robot.meshes.items()
     }
+    visuals = tuple(
+        replace(mesh, link=f"{side}_{mesh.link}")
+        for side, robot in robots.items()
+        for mesh in robot.visuals
+    )
     limits = _joined_limits(robots)
-    return Robot(title, write_pair(members), (), arms, limits, postures, contacts, meshes)
+    return Robot(title, write_pair(members), (), arms, limits, postures, contacts, meshes, visuals)
 
 
 def _posture(robot: Robot, name: str) -> FloatArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ from dualarm_cli.files.robots.schema_robot import RobotFile, RowSection
 from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint, moving_joints, read_urdf
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.robots.urdf_writer import urdf_text, write_urdf
+from dualarm_cli.files.robots.visual_meshes import visual_meshes
 from dualarm_cli.files.source.bodies import checked_pairs
 from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots, robots_folder
 from dualarm_cli.files.source.diagnostics import Findings
@@ -186,6 +188,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[Note, ...]]:
         postures,
         (*contacts, *doubtful),
         meshes,
+        read.visuals,
     )
     notes += [
         *_narrowed_notes(joints),
@@ -251,7 +254,9 @@ def _load_urdf(
         source = place.project.read(path, display_name(model.urdf, place.name))
         urdf = read_urdf(source)
         folder = Project(Path(os.path.realpath(place.path.parent)))
-        return urdf, link_meshes(urdf, MeshFinder(folder, path))
+        finder = MeshFinder(folder, path)
+        meshes = link_meshes(urdf, finder)
+        return urdf, replace(meshes, visuals=visual_meshes(urdf, finder))
     return None, LinkMeshes({}, {})
 
 

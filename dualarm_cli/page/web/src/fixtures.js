@@ -16,8 +16,9 @@ const HALF = 0.015;
 const AROUND = 0.022;
 const PLATE = 0.006;
 const RIM = 0.01;
-/** Largest distance of a part from the frame of its tray [m]. */
+/** Largest distance of a part from the frame of its tray, and from another part where there is no frame [m]. */
 const FAR = 0.5;
+const BESIDE = 0.12;
 /** Smallest area of a board with legs [m²], its largest thickness and its least height above the floor [m]. */
 const BOARD = 0.15;
 const THICK = 0.12;
@@ -50,14 +51,14 @@ function boundsIn(thing, pose, plan) {
  * @returns {{name: string, frame: Pose, boxes: THREE.Box3[], isFilled: boolean}[]} isFilled: parts are placed there
  */
 export function loads(plan) {
-  const frames = Object.entries(plan.frames).map(([name, frame]) => ({ name, frame, boxes: /** @type {THREE.Box3[]} */ ([]), isFilled: false }));
+  const frames = Object.entries(plan.frames).map(([name, frame]) => ({ name, frame, boxes: /** @type {THREE.Box3[]} */ ([]), isFilled: false, far: FAR }));
   for (const thing of plan.things.filter(({ role }) => role === "part")) {
     thing.keyframes.forEach((keyframe, i) => {
       if (keyframe.body !== WORLD || Math.hypot(...keyframe.velocity) > 0) return;
       const distance = (/** @type {{frame: Pose}} */ { frame }) => Math.hypot(...frame.xyz.map((x, k) => x - keyframe.xyz[k]));
       const [nearest] = [...frames].sort((a, b) => distance(a) - distance(b));
-      const isNear = nearest && distance(nearest) < FAR;
-      const load = isNear ? nearest : { name: `place of ${thing.name}`, frame: { ...IDENTITY, xyz: keyframe.xyz }, boxes: [], isFilled: false };
+      const isNear = nearest && distance(nearest) < nearest.far;
+      const load = isNear ? nearest : { name: `place of ${thing.name}`, frame: { ...IDENTITY, xyz: keyframe.xyz }, boxes: [], isFilled: false, far: BESIDE };
       if (!isNear) frames.push(load);
       load.boxes.push(boundsIn(thing, compose(inverse(load.frame), keyframe), plan));
       if (i > 0) load.isFilled = true;

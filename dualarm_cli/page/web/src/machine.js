@@ -32,8 +32,10 @@ export class Machine {
     /** @type {{body: number, mesh: THREE.Mesh}[]} */
     this.pieces = [];
 
-    for (const solid of plan.solids) if (solid.role === "link") this.drawLink(solid);
-    this.drawShoulders();
+    const looks = new Set(plan.visuals.map(({ name }) => name));
+    for (const solid of plan.visuals) place(this.add(solid.body ?? WORLD, geometryOf(solid, plan.hulls), this.hueOf(solid), this.nameOf(solid)), solid);
+    for (const solid of plan.solids) if (solid.role === "link" && !looks.has(solid.name ?? "")) this.drawLink(solid);
+    if (looks.size === 0) this.drawShoulders();
     this.grippers = Object.keys(plan.tcps).map((arm) => new Gripper(plan, arm, materials));
     for (const gripper of this.grippers) this.pieces.push({ body: gripper.body, mesh: /** @type {any} */ (gripper.group) });
   }
@@ -51,14 +53,26 @@ export class Machine {
     return mesh;
   }
 
+  /** Name a link with the joint that moves it. @param {Solid} solid */
+  nameOf({ name = "", body = WORLD }) {
+    const { joints, bodies } = this.plan;
+    const joint = joints[bodies[body]?.joint ?? -1];
+    return joint ? `${name}: joint ${jointLabel(joints, joint.name)}` : name;
+  }
+
+  /** Return the colour of a link. @param {Solid} solid */
+  hueOf({ arm }) {
+    return arm ? `${arm}-link` : "base";
+  }
+
   /** Draw a link, and the joint that moves it. @param {Solid} solid */
   drawLink(solid) {
     const { plan } = this;
     const number = solid.body ?? WORLD;
     const body = plan.bodies[number];
     const joint = plan.joints[body?.joint ?? -1];
-    const name = joint ? `${solid.name}: joint ${jointLabel(plan.joints, joint.name)}` : (solid.name ?? "");
-    const colour = solid.arm ? `${solid.arm}-link` : "base";
+    const name = this.nameOf(solid);
+    const colour = this.hueOf(solid);
     const [radius, length = 0] = solid.size;
     const pose = new THREE.Quaternion(...solid.quat);
     const torso = this.torso;

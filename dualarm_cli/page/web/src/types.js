@@ -95,6 +95,7 @@
  * @property {Joint[]} joints
  * @property {Body[]} bodies
  * @property {Solid[]} solids
+ * @property {Solid[]} visuals how links look, where their files show it
  * @property {Hull[]} hulls
  * @property {Object<string, {body: number} & Pose>} tcps
  * @property {Object<string, Pose>} flanges in the bodies of the tool centre points

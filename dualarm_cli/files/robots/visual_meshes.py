@@ -1,0 +1,114 @@
+"""Visual meshes of a URDF: where they are, and simplified copies of them to draw.
+
+They are decoration. A mesh that is missing or damaged is left out, never an error, and nothing is checked with it.
+Simplification merges the corners in each cell of a grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dualarm_cli.files.robots.meshes import element_pose, mesh_scale
+from dualarm_cli.files.robots.packages import MeshFinder
+from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
+from dualarm_cli.files.source.projects import BadReferenceError
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.products import norm
+from dualarm_cli.model.shape import Hull, VisualMesh
+from dualarm_cli.records import dataclass
+
+
+@dataclass(frozen=True)
+class DrawingLimits:
+    """Limits of drawn meshes, which bound the size of a page and the time to make it."""
+
+    bytes: int = 30_000_000
+    """Largest mesh file that is read [bytes]."""
+    triangles: int = 40_000
+    """Maximum number of triangles of a robot: some 1 MB of a page."""
+    finest: int = 160
+    """Cells along the diagonal of a mesh in the first attempt to simplify it."""
+    coarser: float = 0.8
+    """Ratio of the numbers of cells of two successive attempts."""
+    fewest: int = 8
+    """Cells along the diagonal below which a mesh is left out."""
+
+
+DRAWING = DrawingLimits()
+
+
+def visual_meshes(urdf: Urdf, finder: MeshFinder) -> tuple[VisualMesh, ...]:
+    """Find the visual meshes of a URDF; missing files are left out.
+
+    Args:
+        urdf: a checked URDF.
+        finder: finds its mesh files.
+    """
+    meshes = []
+    for name, link in urdf.links.items():
+        for solid in link.all("visual"):
+            for mesh in mesh_elements(solid):
+                try:
+                    path = finder.find(mesh.get("filename"))
+                except BadReferenceError:
+                    continue
+                scale = tuple(mesh_scale(mesh).tolist())
+                meshes.append(VisualMesh(name, path, scale, element_pose(solid)))
+    return tuple(meshes)
+
+
+def drawn_meshes(meshes: Sequence[VisualMesh]) -> dict[tuple[Path, tuple[float, ...]], Hull]:
+    """Read and simplify the files of visual meshes, each once; unreadable ones are left out.
+
+    Returns:
+        Surfaces by file and scale; together they have at most `DRAWING.triangles` triangles if each is drawn as often
+        as it is used.
+    """
+    surfaces = {}
+    share = DRAWING.triangles // max(len(meshes), 1)
+    for mesh in meshes:
+        key = (mesh.file, mesh.scale)
+        if key not in surfaces and (surface := _surface(mesh, share)) is not None:
+            surfaces[key] = surface
+    return surfaces
+
+
+def _surface(mesh: VisualMesh, most: int) -> Hull | None:
+    """Read one mesh file with at most so many triangles, or None where it cannot be."""
+    import coal
+
+    try:
+        if mesh.file.stat().st_size > DRAWING.bytes:
+            return None
+        model = coal.MeshLoader().load(str(mesh.file), np.array(mesh.scale))
+    except (OSError, ValueError, RuntimeError):
+        return None
+    corners = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
+    faces = [model.tri_indices(k) for k in range(model.num_tris)]
+    triangles = np.array([(f[0], f[1], f[2]) for f in faces], dtype=np.int64).reshape(-1, 3)
+    if len(triangles) == 0 or not np.isfinite(corners).all():
+        return None
+    return _simplified(corners, triangles, most)
+
+
+def _simplified(corners: FloatArray, triangles: IntArray, most: int) -> Hull | None:
+    """Merge corners on ever coarser grids until at most `most` triangles remain."""
+    low = corners.min(axis=0)
+    size = float(norm(corners.max(axis=0) - low))
+    cells = float(DRAWING.finest)
+    while cells >= DRAWING.fewest and size > 0.0:
+        grid = np.floor((corners - low) * (cells / size)).astype(np.int64)
+        merged = np.unique(grid @ (int(cells) + 1) ** np.arange(3), return_inverse=True)[1]
+        counts = np.bincount(merged)
+        means = np.stack([np.bincount(merged, weights=c) / counts for c in corners.T], axis=1)
+        faces = merged[triangles]
+        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+        keys = np.sort(faces, axis=1) @ len(means) ** np.arange(3)
+        places = np.sort(np.unique(keys, return_index=True)[1])
+        if 0 < len(places) <= most:
+            return Hull(means, faces[places])
+        cells *= DRAWING.coarser
+    return None
