@@ -23,7 +23,7 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class DrawingLimits:
-    """Limits of drawn meshes, which bound the size of a page and the time to make it."""
+    """Limits of drawn meshes, for small and quickly made pages."""
 
     bytes: int = 30_000_000
     """Largest mesh file that is read [bytes]."""
@@ -77,7 +77,7 @@ def drawn_meshes(meshes: Sequence[VisualMesh]) -> dict[tuple[Path, tuple[float, 
 
 
 def _surface(mesh: VisualMesh, most: int) -> Hull | None:
-    """Read one mesh file with at most so many triangles, or None where it cannot be."""
+    """Read a mesh file with at most `most` triangles, or None if unreadable."""
     import coal
 
     try:
@@ -101,12 +101,13 @@ def _simplified(corners: FloatArray, triangles: IntArray, most: int) -> Hull | N
     cells = float(DRAWING.finest)
     while cells >= DRAWING.fewest and size > 0.0:
         grid = np.floor((corners - low) * (cells / size)).astype(np.int64)
-        merged = np.unique(grid @ (int(cells) + 1) ** np.arange(3), return_inverse=True)[1]
+        keys = np.ravel_multi_index(tuple(grid.T), (int(cells) + 1,) * 3)
+        merged = np.unique(keys, return_inverse=True)[1]
         counts = np.bincount(merged)
         means = np.stack([np.bincount(merged, weights=c) / counts for c in corners.T], axis=1)
         faces = merged[triangles]
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-        keys = np.sort(faces, axis=1) @ len(means) ** np.arange(3)
+        keys = np.ravel_multi_index(tuple(np.sort(faces, axis=1).T), (len(means),) * 3)
         places = np.sort(np.unique(keys, return_index=True)[1])
         if 0 < len(places) <= most:
             return Hull(means, faces[places])
