@@ -153,7 +153,7 @@ class InfeasibleError(DualArmError):
     @property
     def code(self) -> str:
         """Stable short code, such as E620."""
-        return codes()[self.refusals[0].what]
+        return codes()[self.refusals[0].key]
 
 
 class BlockedError(InfeasibleError):

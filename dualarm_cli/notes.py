@@ -17,13 +17,13 @@ class Note(str):
     """Topic by which notes are selected."""
     key: str
     """Name of the sentence within its topic."""
-    more: Mapping[str, object]
+    data: Mapping[str, object]
     """Data in the sentence."""
 
-    def __new__(cls, text: str, topic: str = "", key: str = "", **more: Any) -> Note:
+    def __new__(cls, text: str, topic: str = "", key: str = "", **data: Any) -> Note:
         """Make a note of a complete sentence."""
         note = super().__new__(cls, text)
-        note.topic, note.key, note.more = topic, key, more
+        note.topic, note.key, note.data = topic, key, data
         return note
 
 
@@ -34,9 +34,9 @@ class NoteTable:
         """Store the topic, and its sentences by key."""
         self.topic, self.sentences = topic, sentences
 
-    def __call__(self, key: str, **more: Any) -> Note:
+    def __call__(self, key: str, **data: Any) -> Note:
         """Make a note by filling data into the sentence of a key."""
-        return Note(filled(self.sentences[key], more), self.topic, key, **more)
+        return Note(filled(self.sentences[key], data), self.topic, key, **data)
 
 
 def is_about(note: str, *topics: str) -> bool:

@@ -41,7 +41,7 @@ class Located(Protocol):
 class Refusal:
     """Reason for the absence of a plan, or a cause within it."""
 
-    what: str
+    key: str
     """Name of the fault: a key of `sentences`."""
     place: Located | None = None
     """Place in a file; None for a cause within another refusal, or without a place."""
@@ -55,7 +55,7 @@ class Refusal:
     """Allowed value [SI units]."""
     remedy: tuple[str, ...] = ()
     """Names of remedies, keys of `remedies`, if the fault has several."""
-    more: Mapping[str, object] = field(default_factory=dict)
+    data: Mapping[str, object] = field(default_factory=dict)
     """Further values of the sentence; refusals become their sentences."""
 
     def __str__(self) -> str:
@@ -65,7 +65,7 @@ class Refusal:
     @property
     def sentence(self) -> str:
         """Sentence without its place."""
-        text = self.filled(sentences()[self.what])
+        text = self.filled(sentences()[self.key])
         if not self.remedy:
             return text
         *others, last = (remedies()[key] for key in self.remedy)
@@ -74,7 +74,7 @@ class Refusal:
     @property
     def advised(self) -> str:
         """Sentence without its place, with advice."""
-        help_text = helps().get(self.what)
+        help_text = helps().get(self.key)
         return self.sentence if help_text is None else f"{self.sentence}; {self.filled(help_text)}"
 
     @property
@@ -83,7 +83,7 @@ class Refusal:
         values = {
             "task": self.task or None,
             "arm": self.arm or None,
-            "joint": self.more.get("joint"),
+            "joint": self.data.get("joint"),
         }
         values |= {"value": self.measured, "allowed": self.allowed}
         return {name: value for name, value in values.items() if value is not None}
@@ -96,7 +96,7 @@ class Refusal:
             "measured": self.measured,
             "allowed": self.allowed,
         }
-        return filled(template, {**data, **self.more})
+        return filled(template, {**data, **self.data})
 
 
 def sentences() -> dict[str, str]:
@@ -128,16 +128,16 @@ def message(refusals: Iterable[Refusal], placed: Refusal | None = None) -> str:
     """
     kinds: dict[str, list[Refusal]] = {}
     for refusal in refusals:
-        kinds.setdefault(refusal.what, []).append(refusal)
-    return "\n".join(_message_of_kind(what, rows, placed) for what, rows in kinds.items())
+        kinds.setdefault(refusal.key, []).append(refusal)
+    return "\n".join(_message_of_kind(key, rows, placed) for key, rows in kinds.items())
 
 
-def _message_of_kind(what: str, rows: list[Refusal], placed: Refusal | None) -> str:
+def _message_of_kind(key: str, rows: list[Refusal], placed: Refusal | None) -> str:
     """Write the message for refusals of the same fault, a line for each."""
     text = "\n".join(refusal.sentence if refusal is placed else str(refusal) for refusal in rows)
-    if what in HEADS:
-        text = f"{rows[0].filled(HEADS[what])}:\n" + indent(text, "  ")
-    help_text = helps().get(what)
+    if key in HEADS:
+        text = f"{rows[0].filled(HEADS[key])}:\n" + indent(text, "  ")
+    help_text = helps().get(key)
     return text if help_text is None else f"{text}\n{rows[0].filled(help_text)}"
 
 

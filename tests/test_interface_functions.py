@@ -127,8 +127,8 @@ def test_many_plans_are_the_same_on_any_number_of_processes(found: Plan) -> None
 
 def test_errors_keep_their_data_between_processes() -> None:
     """Also those whose constructors take other arguments than the text."""
-    where = Refusal("at_platform_angle", more={"degrees": 30.0})
-    refusal = Refusal("beyond_reach", measured=0.1, more={"point": "the target", "where": where})
+    where = Refusal("at_platform_angle", data={"degrees": 30.0})
+    refusal = Refusal("beyond_reach", measured=0.1, data={"point": "the target", "where": where})
     for error in (
         BlockedError(refusal, stages=(2,)),
         UnknownSolverError("--timing", "x", ["ruckig"]),

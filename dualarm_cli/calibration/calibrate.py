@@ -169,16 +169,16 @@ def _noise(
 
 
 def _unmatched(causes: Sequence[Refusal | str]) -> InfeasibleError:
-    return InfeasibleError(Refusal("points_do_not_match", more={"causes": causes}))
+    return InfeasibleError(Refusal("points_do_not_match", data={"causes": causes}))
 
 
 def _unseen(sight: Sight, names: list[str], points: int) -> Refusal:
     count = len(names)
     counts = {"points": points, "equations": 3 * points, "unknowns": count}
-    few = [Refusal("few_equations", more=counts)] if 3 * points < count else []
+    few = [Refusal("few_equations", data=counts)] if 3 * points < count else []
     least = -(-count // 3) + 1
-    more = {"few": few, "unseen": sight.in_words(names), "least": least}
-    return Refusal("tools_unseen", measured=points, allowed=least, more=more)
+    data = {"few": few, "unseen": sight.in_words(names), "least": least}
+    return Refusal("tools_unseen", measured=points, allowed=least, data=data)
 
 
 _note = NoteTable(

@@ -95,7 +95,7 @@ def refuse_few(count: int) -> None:
         InfeasibleError: fewer than three.
     """
     if count < LEAST_POINTS:
-        more = {"points": range(count)}
+        data = {"points": range(count)}
         raise InfeasibleError(
-            Refusal("few_points", measured=count, allowed=LEAST_POINTS, more=more)
+            Refusal("few_points", measured=count, allowed=LEAST_POINTS, data=data)
         )

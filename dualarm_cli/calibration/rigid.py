@@ -123,8 +123,8 @@ def refuse_loose_turn(covariance: FloatArray, degrees: int | None, noise: float)
     deviation = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
     width = interval_factor(degrees) * deviation
     if width >= LOOSEST:
-        more = {"degrees": np.degrees(width), "mm": noise * 1000}
-        raise InfeasibleError(Refusal("loose_turn", measured=width, allowed=LOOSEST, more=more))
+        data = {"degrees": np.degrees(width), "mm": noise * 1000}
+        raise InfeasibleError(Refusal("loose_turn", measured=width, allowed=LOOSEST, data=data))
 
 
 def fit_rigid(left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -191,16 +191,16 @@ def refuse_lines(problem: CalibrationProblem) -> None:
             raise InfeasibleError(Refusal("points_are_one", arm=side))
     if max(lengths) > SPREAD.scale_limit * min(lengths):
         raise InfeasibleError(
-            Refusal("sizes_differ", more={"left": lengths[0], "right": lengths[1]})
+            Refusal("sizes_differ", data={"left": lengths[0], "right": lengths[1]})
         )
     noise = (problem.noise or 0.0) * SPREAD.noise_factor
     for side, spread in spreads.items():
         if spread.height <= max(SPREAD.on_a_line * spread.length, noise):
             ends = [problem.names[k] for k in spread.ends]
             near = (
-                [Refusal("near_line", more={"factor": SPREAD.noise_factor})] if noise > 0.0 else []
+                [Refusal("near_line", data={"factor": SPREAD.noise_factor})] if noise > 0.0 else []
             )
-            more = {"ends": ends, "near": near, "mm": spread.height * 1000}
+            data = {"ends": ends, "near": near, "mm": spread.height * 1000}
             raise InfeasibleError(
-                Refusal("points_on_line", arm=side, measured=spread.height, more=more)
+                Refusal("points_on_line", arm=side, measured=spread.height, data=data)
             )

@@ -29,7 +29,7 @@ def start_faults(job: Job, holding: Holding) -> list[Refusal]:
         return []
     lacking = holding.cell.lacking(np.array(job.start_joints), holding.before[0])
     pairs = [
-        Refusal("touches", measured=-margin, more={"one": body_a, "other": body_b})
+        Refusal("touches", measured=-margin, data={"one": body_a, "other": body_b})
         for body_a, body_b, margin in lacking
     ]
     if not pairs:
@@ -41,7 +41,7 @@ def start_faults(job: Job, holding: Holding) -> list[Refusal]:
         "rest": f", and {omitted} more pairs" if omitted > 0 else "",
     }
     place = job.start_place if job.start_place.line else None
-    return [Refusal("start_touches", place, measured=pairs[0].measured, more=details)]
+    return [Refusal("start_touches", place, measured=pairs[0].measured, data=details)]
 
 
 def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into: str) -> Refusal:
@@ -60,7 +60,7 @@ def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into
     remedy: tuple[str, ...] = ()
     if held != task.part and not task.is_change:
         code, remedy = "tool_too_near", ("move_target", "allow_contact")
-    return Refusal(code, stop.place, task.id, arm, depth, remedy=remedy, more=details)
+    return Refusal(code, stop.place, task.id, arm, depth, remedy=remedy, data=details)
 
 
 def grip_faults(job: Job) -> list[Refusal]:
@@ -82,7 +82,7 @@ def grip_faults(job: Job) -> list[Refusal]:
             details = {"where": contact.where, "one": contact.bodies[0], "other": contact.bodies[1]}
             refusals.append(
                 Refusal(
-                    "grip_touches", work.place, task.id, task.arm, -contact.margin, more=details
+                    "grip_touches", work.place, task.id, task.arm, -contact.margin, data=details
                 )
             )
     return refusals
@@ -133,18 +133,18 @@ def why_blocked(clearing: Clearing, plan: TimedPlan | None) -> list[Refusal]:
             "when": (stage.end - stage.start) * worst / (len(margins) - 1),
             "stage": k + 1,
             "partner": [
-                Refusal("partner", None, stop.task.id, stop.arm, more={"there": stop.stop.place})
+                Refusal("partner", None, stop.task.id, stop.arm, data={"there": stop.stop.place})
                 for stop in stops[1:]
             ],
             "standing": standing,
             "tried": tried,
         }
-        refused = Refusal("return_touches", measured=max(0.0, -margin), more=details)
+        refused = Refusal("return_touches", measured=max(0.0, -margin), data=details)
         for stop in stops[:1]:
             origin = stop.stop.place, stop.task.id, stop.arm
-            refused = Refusal("stage_touches", *origin, refused.measured, more=details)
+            refused = Refusal("stage_touches", *origin, refused.measured, data=details)
         if cell.skew > 0.0 and margin >= 0.0:
-            refused = replace(refused, what="stage_lacks_skew", allowed=cell.skew)
+            refused = replace(refused, key="stage_lacks_skew", allowed=cell.skew)
         refusals.append(refused)
     return refusals
 
@@ -160,7 +160,7 @@ def _tried(clearing: Clearing) -> list[Refusal]:
     if platform.is_chosen:
         remedies.append(Refusal("other_places" if platform.is_rail else "other_angles"))
     remedies += [Refusal(remedy) for remedy in ("delays", "detours") if remedy in clearing.tried]
-    return [Refusal("tried", more={"repairs": remedies})] if remedies else []
+    return [Refusal("tried", data={"repairs": remedies})] if remedies else []
 
 
 def _standing(job: Job, plan: TimedPlan) -> list[Refusal]:
@@ -174,5 +174,5 @@ def _standing(job: Job, plan: TimedPlan) -> list[Refusal]:
                 "stage": first + 1,
                 "start": [Refusal("starts_there")] if job.start == "free" else [],
             }
-            standing.append(Refusal("stands_in_the_way", arm=arm.name, more=details))
+            standing.append(Refusal("stands_in_the_way", arm=arm.name, data=details))
     return standing

@@ -111,7 +111,7 @@ def _impossible(loaded: Loaded) -> list[Diagnostic]:
     if not isinstance(loaded, Job):
         return []
     return [
-        Diagnostic(*fault.place.order, codes()[fault.what], fault.advised, about=fault.about)
+        Diagnostic(*fault.place.order, codes()[fault.key], fault.advised, about=fault.about)
         for fault in job_faults(loaded.blended())
         if fault.place is not None
     ]

@@ -464,8 +464,8 @@ class Job(ShownInNotebooks):
                 tasks = [task for task, _ in deadlocked]
                 names = list(dict.fromkeys(task.id for task in tasks))
                 first = next(task for task in tasks if task.after)
-                more = {"names": names, "tasks": tasks}
-                raise InfeasibleError(Refusal("waits_forever", first.place, first.id, more=more))
+                data = {"names": names, "tasks": tasks}
+                raise InfeasibleError(Refusal("waits_forever", first.place, first.id, data=data))
             stages += section_stages
         return stages
 

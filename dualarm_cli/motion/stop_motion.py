@@ -159,7 +159,7 @@ def solve_line(
         "most": LINE.line_tolerance * 1000,
     }
     arguments = arm_stop.stop.place, arm_stop.task.id, arm_stop.arm, distance, LINE.line_tolerance
-    raise InfeasibleError(Refusal("line_left", *arguments, more=details))
+    raise InfeasibleError(Refusal("line_left", *arguments, data=details))
 
 
 def line_deviation(

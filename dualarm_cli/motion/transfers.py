@@ -298,7 +298,7 @@ def transfers_within_tool_speed(
     best = slowed(slower, lambda candidate: tool_speed_of(drive, plan, candidate), cap)
     if best is None:
         details = {"slowest": MAX_SLOWDOWN}
-        raise InfeasibleError(Refusal("tool_speed_too_low", allowed=cap, more=details))
+        raise InfeasibleError(Refusal("tool_speed_too_low", allowed=cap, data=details))
     return best if best is transfers else replace(best, capped=True)
 
 

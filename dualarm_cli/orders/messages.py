@@ -48,11 +48,11 @@ def _out_of_reach(order: OrderModel, t: int) -> Refusal:
     """Build the refusal of a task that no arm can do, with the causes by arm."""
     task = order.job.tasks[t]
     causes = [
-        Refusal("by_arm", arm=name, more={"cause": _why(order, t, name)})
+        Refusal("by_arm", arm=name, data={"cause": _why(order, t, name)})
         for name in order.model.arms
         if task.allows(name)
     ]
-    return Refusal("out_of_reach", task.place, task.id, more={"causes": causes})
+    return Refusal("out_of_reach", task.place, task.id, data={"causes": causes})
 
 
 def _check_stands(order: OrderModel) -> None:
@@ -71,7 +71,7 @@ def _check_stands(order: OrderModel) -> None:
             continue
         details = {"tool": stand.tool, "cause": _why(order, t, stand.arm)}
         refusals.append(
-            Refusal("stand_out_of_reach", stand.place, stand.id, stand.arm, more=details)
+            Refusal("stand_out_of_reach", stand.place, stand.id, stand.arm, data=details)
         )
     if refusals:
         raise InfeasibleError(*refusals)
@@ -85,7 +85,7 @@ def _why(order: OrderModel, t: int, name: str) -> Refusal:
         reason = explain_reach(order.model, order.start, seen)
         if reason is not None:
             details = {"action": stop.action, "cause": reason}
-            return Refusal("at_stop", more=details) if len(task.stops) > 1 else reason
+            return Refusal("at_stop", data=details) if len(task.stops) > 1 else reason
     return Refusal("stops_lack_clearance" if len(task.stops) > 1 else "stop_lacks_clearance")
 
 
@@ -136,7 +136,7 @@ def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | 
     places = [task.place for task in tasks] + [buffer.place for buffer in buffers]
     place = min(places, key=lambda place: place.order, default=None)
     code = "rule_broken" if len(contradictory) == 1 else "rules_contradict"
-    return InfeasibleError(Refusal(code, place, more={"rules": contradictory}))
+    return InfeasibleError(Refusal(code, place, data={"rules": contradictory}))
 
 
 Rule = Callable[[Relaxation], Relaxation]

@@ -111,7 +111,7 @@ def in_time(schedule: Schedule, job: Job) -> Schedule:
             task.arm,
             done[name],
             task.not_after,
-            more={"late": done[name] - task.not_after},
+            data={"late": done[name] - task.not_after},
         )
         for name, task in tasks.items()
         if name in done and done[name] > task.not_after + 1e-9
@@ -142,6 +142,6 @@ def platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
         notes.append(platform_note("held"))
     reached = [k for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
     if reached:
-        more = {"stages": reached, "rail": model.platform.is_rail}
-        notes.append(platform_note("reach", **more))
+        data = {"stages": reached, "rail": model.platform.is_rail}
+        notes.append(platform_note("reach", **data))
     return notes

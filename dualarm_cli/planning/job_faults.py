@@ -88,7 +88,7 @@ def job_faults(
     unique: dict[object, Refusal] = {}
     for refusal in refusals:
         # A stand is visited more than once, and its fault is the same each time.
-        unique.setdefault((refusal.place, refusal.arm, refusal.what, refusal.measured), refusal)
+        unique.setdefault((refusal.place, refusal.arm, refusal.key, refusal.measured), refusal)
     return sorted(unique.values(), key=lambda r: r.place.order if r.place else ("", 0, 0))
 
 
@@ -159,7 +159,7 @@ class _Faults:
             turn = 0.0 if path is None else slack / TURN_LENGTH
             if cause := self._unreached(task.arm, task, stop, slack, turn):
                 fault = _impossible(what, task.arm, task, stop, cause)
-                yield replace(fault, more={**fault.more, "share": share})
+                yield replace(fault, data={**fault.data, "share": share})
 
     def _fault(self, arm: str, task: Task, stop: Stop) -> Refusal | None:
         """Return the proven reason against a stop of an arm, with remedies, or None."""
@@ -228,29 +228,29 @@ def _shares(work: PathWork | None) -> list[float]:
     return sorted(set(shares))
 
 
-def _impossible(what: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> Refusal:
+def _impossible(key: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> Refusal:
     """Build the fault of a stop or path that is out of reach."""
     remedy: tuple[str, ...] = ("check_unit",) if (cause.measured or 0.0) > FAULTS.far else ()
-    if what != "stop_impossible":
+    if key != "stop_impossible":
         remedy += ("move_work",)
     elif task.is_change or (isinstance(stop.target, PoseTarget) and stop.target.free_yaw):
         remedy += ("move_target",)
     else:
         remedy += ("move_target_or_free_yaw",)
-    more = {"action": stop.action.split("_")[0], "cause": cause}
-    return Refusal(what, stop.place, task.id, arm, cause.measured, remedy=remedy, more=more)
+    data = {"action": stop.action.split("_")[0], "cause": cause}
+    return Refusal(key, stop.place, task.id, arm, cause.measured, remedy=remedy, data=data)
 
 
 def _by_no_arm(task: Task, arms: list[str], faults: list[Refusal]) -> Refusal:
     """Build the fault of a task that no arm can do, with reasons."""
     causes = []
     for arm, fault in zip(arms, faults, strict=True):
-        cause = fault.more.get("cause", replace(fault, place=None, remedy=()))
-        more = {"action": fault.more["action"], "cause": cause}
-        at = Refusal("at_stop", more=more) if len(task.stops) > 1 else cause
-        causes.append(Refusal("by_arm", arm=arm, more={"cause": at}))
+        cause = fault.data.get("cause", replace(fault, place=None, remedy=()))
+        data = {"action": fault.data["action"], "cause": cause}
+        at = Refusal("at_stop", data=data) if len(task.stops) > 1 else cause
+        causes.append(Refusal("by_arm", arm=arm, data={"cause": at}))
     remedy = tuple(dict.fromkeys(key for fault in faults for key in fault.remedy))
-    more = {"causes": causes}
+    data = {"causes": causes}
     return Refusal(
-        "out_of_reach", task.place, task.id, measured=faults[0].measured, remedy=remedy, more=more
+        "out_of_reach", task.place, task.id, measured=faults[0].measured, remedy=remedy, data=data
     )

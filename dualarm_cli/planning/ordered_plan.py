@@ -70,7 +70,7 @@ def _in_best_order(
     try:
         orders = search.orders(watch)
     except InfeasibleError as error:
-        if not work.check_collisions or error.refusals[0].what != NO_ORDER_FOUND:
+        if not work.check_collisions or error.refusals[0].key != NO_ORDER_FOUND:
             raise
         try:
             orders = wanted(check_collisions=False).orders(watch)

@@ -218,11 +218,11 @@ def _as_asked(easier: Schedule, settings: PlanSettings, duration: float | None =
         duration: of the plan with the effort asked for [s]; None where it has none.
     """
     settings_then = easier.provenance.settings
-    more = {"made": settings_then["effort"], "effort": settings.effort}
+    data = {"made": settings_then["effort"], "effort": settings.effort}
     if duration is None:
-        note = effort_note("only", **more)
+        note = effort_note("only", **data)
     else:
-        note = effort_note("shorter", **more, gain=duration - easier.duration)
+        note = effort_note("shorter", **data, gain=duration - easier.duration)
     provenance = replace(easier.provenance, settings={**settings_then, "effort": settings.effort})
     return replace(easier, provenance=provenance, notes=(*easier.notes, note))
 

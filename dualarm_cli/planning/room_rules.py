@@ -119,8 +119,8 @@ def _obstructed_tasks(job: Job, error: InfeasibleError) -> list[tuple[str, str]]
     owners = {lying_label(task): task.id for task in job.tasks if task.part}
     names, pairs = {task.id for task in job.tasks}, []
     for refusal in error.refusals:
-        cause = refusal.more.get("cause")
-        bodies = (cause if isinstance(cause, Refusal) else refusal).more
+        cause = refusal.data.get("cause")
+        bodies = (cause if isinstance(cause, Refusal) else refusal).data
         owner = owners.get(str(bodies.get("other")), refusal.task)
         # Returns belong to no task, tool changes to none of the job.
         if refusal.task in names and owner != refusal.task and not bodies.get("partner"):
@@ -136,7 +136,7 @@ def _with_rule(job: Job, first: str, second: str) -> Job:
         tasks.append(replace(task, after=(*after, first) if task.id == second else tuple(after)))
     note = order_note("after_link", later=second, first=first)
     against = {"later": first, "first": second}
-    notes = [text for text in job.notes if not (isinstance(text, Note) and text.more == against)]
+    notes = [text for text in job.notes if not (isinstance(text, Note) and text.data == against)]
     return replace(job, tasks=tuple(tasks), notes=(*notes, note))
 
 
@@ -198,20 +198,20 @@ def _rule(job: Job, crowded: Crowded) -> tuple[str, str] | None:
     return None if gone else (crowded.task.id, room.task.id)
 
 
-def _refusal(what: str, crowded: Crowded) -> Refusal:
+def _refusal(key: str, crowded: Crowded) -> Refusal:
     task, room = crowded.task, crowded.room
     apart = crowded.distance
     how = "room_overlap" if apart < 0.0 else "room_gap"
-    more = {
+    data = {
         "action": crowded.stop.action,
         "body": _named(crowded.body),
         "part": _named(room.task.part),
         "other": room.task.id,
         "there": room.stop.place,
         "verb": "waits" if room.stop.action == "pick" else "lies",
-        "how": [Refusal(how, measured=abs(apart), allowed=crowded.needed, more={"spare": SLACK})],
+        "how": [Refusal(how, measured=abs(apart), allowed=crowded.needed, data={"spare": SLACK})],
     }
-    return Refusal(what, crowded.stop.place, task.id, task.arm, more=more)
+    return Refusal(key, crowded.stop.place, task.id, task.arm, data=data)
 
 
 def _named(part: str) -> str:

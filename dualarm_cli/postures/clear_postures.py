@@ -200,15 +200,15 @@ def explain_collision(
             "platform": stands,
         }
         missing = max(0.0, -margin_there)
-        return Refusal("every_posture_touches", arm=arm, measured=missing, more=details)
+        return Refusal("every_posture_touches", arm=arm, measured=missing, data=details)
     return None
 
 
 def _with_platform(model: CellModel, position: float) -> Refusal:
     """Describe the position of a platform of one joint [rad or m] in a message."""
     if model.platform.is_rail:
-        return Refusal("with_platform_place", more={"millimetres": 1e3 * position + 0.0})
-    return Refusal("with_platform", more={"degrees": np.degrees(position) + 0.0})
+        return Refusal("with_platform_place", data={"millimetres": 1e3 * position + 0.0})
+    return Refusal("with_platform", data={"degrees": np.degrees(position) + 0.0})
 
 
 def _postures(problem: StopProblem, place: Place) -> FloatArray:

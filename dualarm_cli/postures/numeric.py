@@ -61,7 +61,7 @@ def _miss_refusal(miss: FloatArray) -> Refusal:
     distance, angle = miss
     if not np.isfinite(distance):
         return Refusal("target_out_of_reach")
-    return Refusal("target_missed", more={"mm": distance * 1e3, "degrees": np.degrees(angle)})
+    return Refusal("target_missed", data={"mm": distance * 1e3, "degrees": np.degrees(angle)})
 
 
 def _with_initial_drifts(batch: StopBatch, candidates: NumericCandidates) -> NumericCandidates:

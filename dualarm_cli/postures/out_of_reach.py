@@ -63,7 +63,7 @@ def out_of_reach(
                 "where": best_place(model.platform),
             }
             message = "posture_misses" if any(miss) else "beyond_limits"
-            return Refusal(message, measured=miss[0], more=details)
+            return Refusal(message, measured=miss[0], data=details)
     return None
 
 
@@ -92,7 +92,7 @@ def _refuse_point(
     miss = float(signed.flat[best])
     where = best_place(model.platform, angles[best // signed.shape[1]])
     return Refusal(
-        stop.arm.why_missed(miss), measured=abs(miss), more={"point": name, "where": where}
+        stop.arm.why_missed(miss), measured=abs(miss), data={"point": name, "where": where}
     )
 
 

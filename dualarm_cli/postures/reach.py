@@ -88,7 +88,7 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
         if message in ("flange_not_there", "point_not_turned"):
             remedy = ("move_target" if stop.free_yaw else "move_target_or_free_yaw",)
         details = {"point": point.name, "where": where}
-        return Refusal(message, measured=abs(miss), remedy=remedy, more=details)
+        return Refusal(message, measured=abs(miss), remedy=remedy, data=details)
     return Refusal("not_from_one_place" if model.platform.is_rail else "not_from_one_angle")
 
 
@@ -102,8 +102,8 @@ def best_place(platform: PlatformChain, position: float = 0.0) -> Refusal:
     if not platform.is_chosen:
         return Refusal("platform_stands" if platform.joints else "from_base")
     if platform.is_rail:
-        return Refusal("at_platform_place", more={"millimetres": 1e3 * position + 0.0})
-    return Refusal("at_platform_angle", more={"degrees": np.degrees(position)})
+        return Refusal("at_platform_place", data={"millimetres": 1e3 * position + 0.0})
+    return Refusal("at_platform_angle", data={"degrees": np.degrees(position)})
 
 
 def scanned_positions(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:

@@ -161,7 +161,7 @@ def _assumptions(report: dict[str, Any]) -> list[str]:
     )
     texts = [text.replace("#", _count(len(of), word)) for text, word, of in counts if of]
     noted = [note for note in report["notes"] if _key(note) in ASSUMED]
-    return texts + [filled(ASSUMED[note.topic, note.key], note.more) for note in noted]
+    return texts + [filled(ASSUMED[note.topic, note.key], note.data) for note in noted]
 
 
 def _key(note: str) -> tuple[str, str] | None:

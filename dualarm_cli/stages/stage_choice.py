@@ -330,18 +330,18 @@ def explain(
             common = "no_common_place" if model.platform.is_rail else "no_common_angle"
             faults = dict.fromkeys(stage.work, Refusal(common))
     if not model.platform.joints:
-        what = "no_posture"
+        key = "no_posture"
     elif not model.platform.is_chosen:
-        what = "no_posture_from_start"
+        key = "no_posture_from_start"
     elif model.platform.is_rail:
-        what = "no_posture_at_any_place" if everywhere else "no_posture_at_places_tried"
+        key = "no_posture_at_any_place" if everywhere else "no_posture_at_places_tried"
     else:
-        what = "no_posture_at_any_angle" if everywhere else "no_posture_at_angles_tried"
+        key = "no_posture_at_any_angle" if everywhere else "no_posture_at_angles_tried"
     refusals = []
     for name, fault in faults.items():
         task, stop = stage.work[name]
-        more = {"action": stop.action, "cause": fault}
-        refusals.append(Refusal(what, stop.place, task.id, name, more=more))
+        data = {"action": stop.action, "cause": fault}
+        refusals.append(Refusal(key, stop.place, task.id, name, data=data))
     if keep is not None:
         never = tuple((name, stage.work[name][0].id) for name in faults) if everywhere else ()
         return BlockedError(*refusals, stages=(keep.stage,), alone=everywhere, never=never)

@@ -193,8 +193,8 @@ def _on_table(
     return Layout(tools, trays, boxes, height, step, table, cell.clearance, at_home)
 
 
-def _refused(what: str, name: str) -> InfeasibleError:
-    return InfeasibleError(Refusal(what, more={"robot": name}))
+def _refused(key: str, name: str) -> InfeasibleError:
+    return InfeasibleError(Refusal(key, data={"robot": name}))
 
 
 def _under(x: FloatArray, y: FloatArray, step: float, levels: tuple[float, float]) -> Table:

@@ -448,8 +448,8 @@ def test_a_start_that_collides_names_all_pairs_at_once(packing):
     job = dataclasses.replace(job, cell=dataclasses.replace(job.cell, robot=robot))
     with pytest.raises(InfeasibleError) as refused:
         plan_without_bound(job, QUICK)
-    [refusal] = [one for one in refused.value.refusals if one.what == "start_touches"]
-    named = {frozenset((pair.more["one"], pair.more["other"])) for pair in refusal.more["pairs"]}
+    [refusal] = [one for one in refused.value.refusals if one.key == "start_touches"]
+    named = {frozenset((pair.data["one"], pair.data["other"])) for pair in refusal.data["pairs"]}
     model = pin.buildModelFromXML(robot.urdf)
     solids = cell_solids(job.cell, model, [])
     pairs = pairs_that_must_keep_apart(model, solids, job.cell)
@@ -463,7 +463,7 @@ def test_a_start_that_collides_names_all_pairs_at_once(packing):
     }
     assert named == lacking
     assert len(named) > 2
-    margins = [pair.measured for pair in refusal.more["pairs"]]
+    margins = [pair.measured for pair in refusal.data["pairs"]]
     assert margins == sorted(margins, reverse=True)
 
 

@@ -39,7 +39,7 @@ def test_two_towers_are_not_put_into_one_place(job_of, task):
         clearance="0 mm",
     )
     [found] = refusal(job)
-    assert (found.what, found.task, found.more["other"]) == ("same_room", "two", "one")
+    assert (found.key, found.task, found.data["other"]) == ("same_room", "two", "one")
     assert str(found).startswith(f"{job.tasks[1].stops[1].place}: task 'two': ")
     assert "'tower' reaches 60.0 mm into 'tower' of task 'one', which lies there" in str(found)
 
@@ -86,7 +86,7 @@ def test_a_cube_stands_on_the_one_that_its_task_names(job_of, task):
     assert [one.after for one in ruled.tasks] == [("lower",), ()]
     assert list(ruled.notes) == ["order: upper comes after lower, as its part would obstruct it"]
     [found] = refusal(job_of(upper, lower))
-    assert (found.what, found.task) == ("in_the_way", "lower")
+    assert (found.key, found.task) == ("in_the_way", "lower")
     said = message([found])
     assert said.startswith("parts lack room in the given order:")
     assert said.endswith("; another order")
@@ -96,7 +96,7 @@ def test_a_cube_stands_on_the_one_that_its_task_names(job_of, task):
     # Without the key the two may not touch.
     plain = job_of(lower, upper.replace(", touches: [lower]", ""))
     found = refusal(plain)[0]
-    assert found.what == "same_room"
+    assert found.key == "same_room"
     assert "another order" not in message([found])
 
 
@@ -117,7 +117,7 @@ def test_the_tall_part_is_picked_before_the_flat_one_beside_it(job_of, task):
     for tasks in ((tall, flat), (flat, tall)):
         ruled = RoomRules.of(job_of(*tasks, tool=PALM, head="order: optimise")).ruled()
         assert {one.id: one.after for one in ruled.tasks} == {"tall": (), "flat": ("tall",)}
-    assert refusal(job_of(flat, tall, tool=PALM))[0].what == "in_the_way"
+    assert refusal(job_of(flat, tall, tool=PALM))[0].key == "in_the_way"
     assert refusal(job_of(tall, flat, tool=PALM)) == []
 
 
@@ -128,7 +128,7 @@ def test_the_flat_part_is_placed_before_the_tall_one_beside_it(job_of, task):
     ruled = RoomRules.of(job_of(tall, flat, tool=PALM, head="order: optimise")).ruled()
     assert {one.id: one.after for one in ruled.tasks} == {"tall": ("flat",), "flat": ()}
     near = flat.replace("xyz: [0.6, 0.55", "xyz: [0.38, 0.55")
-    assert refusal(job_of(tall, near, tool=PALM, head="order: optimise"))[0].what == "same_room"
+    assert refusal(job_of(tall, near, tool=PALM, head="order: optimise"))[0].key == "same_room"
 
 
 def test_parts_that_leave_and_parts_that_are_taken_away_make_room(job_of, task):
@@ -214,9 +214,9 @@ def test_a_part_in_the_way_of_a_link_turns_two_tasks_round(job_of, task, order, 
         head=f"order: {order}",
     )
     bodies = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
-    touches = Refusal("every_posture_touches", arm="left", measured=0.01, more=bodies)
+    touches = Refusal("every_posture_touches", arm="left", measured=0.01, data=bodies)
     fault = Refusal(
-        "no_posture", task="b", arm="left", more={"cause": touches} if cause else bodies
+        "no_posture", task="b", arm="left", data={"cause": touches} if cause else bodies
     )
     asked = []
 
@@ -251,12 +251,12 @@ def test_tasks_that_are_in_each_other_s_way_are_refused_as_they_are(job_of, task
 
     def planned(one):
         asked.append([task.after for task in one.tasks])
-        more = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a", "number": len(asked)}
-        raise BlockedError(Refusal("no_posture", task="b", arm="left", more=more), stages=(0,))
+        data = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a", "number": len(asked)}
+        raise BlockedError(Refusal("no_posture", task="b", arm="left", data=data), stages=(0,))
 
     with pytest.raises(BlockedError) as caught:
         planned_around(job, planned, lambda: stopped)
-    assert caught.value.refusals[0].more["number"] == 1
+    assert caught.value.refusals[0].data["number"] == 1
     assert asked == [[(), ()], [("b",), ()], [(), ("a",)]][: 1 if stopped else 3]
 
 
@@ -271,8 +271,8 @@ def test_an_order_of_the_file_is_not_turned_round(job_of, task):
 
     def planned(one):
         asked.append([task.after for task in one.tasks])
-        more = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
-        raise BlockedError(Refusal("no_posture", task="b", arm="left", more=more), stages=(0,))
+        data = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
+        raise BlockedError(Refusal("no_posture", task="b", arm="left", data=data), stages=(0,))
 
     with pytest.raises(BlockedError):
         planned_around(job, planned, lambda: False)
@@ -282,13 +282,13 @@ def test_an_order_of_the_file_is_not_turned_round(job_of, task):
 def test_a_return_that_a_part_is_in_the_way_of_is_refused_as_it_is(job_of, task):
     """It is of no task that could be done before another one."""
     job = job_of(task("a", (0.45, 0.1, CUBE), (0.45, 0.4, CUBE)), head="order: optimise")
-    more = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
+    data = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
 
     asked = []
 
     def planned(one):
         asked.append(one)
-        raise BlockedError(Refusal("return_touches", measured=0.01, more=more), stages=(0,))
+        raise BlockedError(Refusal("return_touches", measured=0.01, data=data), stages=(0,))
 
     with pytest.raises(BlockedError):
         planned_around(job, planned, lambda: False)

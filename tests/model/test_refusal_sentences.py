@@ -8,8 +8,8 @@ from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.place import Place
 from dualarm_cli.refusals import Refusal, message
 
-LATE = Refusal("late", Place("t.yaml", 3, 5), "a", "left", 4.0, 3.0, more={"late": 1.0})
-LATE_TOO = Refusal("late", Place("t.yaml", 9, 5), "b", "left", 6.0, 4.5, more={"late": 1.5})
+LATE = Refusal("late", Place("t.yaml", 3, 5), "a", "left", 4.0, 3.0, data={"late": 1.0})
+LATE_TOO = Refusal("late", Place("t.yaml", 9, 5), "b", "left", 6.0, 4.5, data={"late": 1.5})
 
 
 def test_what_refusals_have_in_common_is_said_once():
@@ -48,9 +48,9 @@ def test_remedies_follow_the_fault(remedy, end):
 
 def test_a_refusal_may_name_its_cause_and_how_many():
     """Causes are told in their places; nothing is said of none."""
-    puts = Refusal("puts", more={"names": ["a", "b"]})
-    more = {"buffer": "bin", "stage": 2, "causes": [puts], "either": []}
-    found = Refusal("buffer_in_stage", measured=1, allowed=2, more=more)
+    puts = Refusal("puts", data={"names": ["a", "b"]})
+    data = {"buffer": "bin", "stage": 2, "causes": [puts], "either": []}
+    found = Refusal("buffer_in_stage", measured=1, allowed=2, data=data)
     assert str(found) == (
         "buffer 'bin' holds 1 of at most 2 parts before stage 2, in which 'a' and 'b' put 2 in"
     )

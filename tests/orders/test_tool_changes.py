@@ -371,9 +371,9 @@ def test_the_tool_of_the_start_is_there_from_the_start(kit):
         one = dataclasses.replace(one, tool=dataclasses.replace(one.tool, shapes=huge))
         job = in_cell(some(kit, "screw-1", order="given"), tools={**changes.tools, tool: one})
         touching = [
-            pair.more["one"] + pair.more["other"]
+            pair.data["one"] + pair.data["other"]
             for fault in start_faults(job, Holding.of(job))
-            for pair in fault.more["pairs"]
+            for pair in fault.data["pairs"]
         ]
         assert bool(touching) is touches
         assert all("left_fingers" in pair for pair in touching)

@@ -173,4 +173,4 @@ def test_a_stage_that_is_clear_in_step_lacks_room_for_a_late_arm(
     motion = SimpleNamespace(stages=[SimpleNamespace(start=0.0, end=1.0)])
     found = TimedPlan([SimpleNamespace(stops={"left": work})], motion, (0,))
     [refusal] = clear_words.why_blocked(clearing, found)
-    assert (refusal.what, refusal.allowed == 0.05) == (what, margin > 0.0)
+    assert (refusal.key, refusal.allowed == 0.05) == (what, margin > 0.0)

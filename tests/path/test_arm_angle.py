@@ -76,5 +76,5 @@ def test_a_path_out_of_reach_says_by_how_much(choi) -> None:
     away = problem.p + 2.0 * problem.share[:, None, None] * np.array([1.0, 0.0, 0.0])
     found = follow_arm_angle(replace(problem, p=away))
     assert isinstance(found, NoPath)
-    assert found.reason.what == "wrist_misses"
+    assert found.reason.key == "wrist_misses"
     assert 0 < found.instant < problem.instants

@@ -139,7 +139,7 @@ def test_a_start_in_a_collision_is_a_fault_only_where_the_motion_begins_there(jo
     """A box about the right arm's elbow at home."""
     cell = IIWAS + "  block: {box: [0.2, 0.2, 0.2], xyz: [0.21, -0.5, 0.72]}\n"
     [fault] = job_faults(job(GOOD, "", cell))
-    assert fault.what == "start_touches"
+    assert fault.key == "start_touches"
     assert job_faults(job(GOOD, "start: free\n", cell)) == []
     assert job_faults(job(GOOD, "", cell), check_collisions=False) == []
 
@@ -160,7 +160,7 @@ def test_a_tool_that_fits_between_the_turns_that_are_tried_is_left_to_the_planne
     assert job_faults(job(task, "", cell + walls)) == []
     block = "  filled: {box: [0.4, 0.4, 0.1], xyz: [0.5, 0.5, 0.05]}\n"
     [fault] = job_faults(job(task, "", cell + block))
-    assert (fault.what, fault.more["into"]) == ("tool_too_near", "filled")
+    assert (fault.key, fault.data["into"]) == ("tool_too_near", "filled")
     allowed = cell + block + "allowed_contacts: [[left_tool, filled]]\n"
     assert job_faults(job(task, "", allowed)) == []
 
@@ -311,4 +311,4 @@ def test_a_conveyor_brings_a_target_within_reach(job):
     )
     assert job_faults(job(task.format(within="700 mm"), "", belt)) == []
     [fault] = job_faults(job(task.format(within="200 mm"), "", belt))
-    assert (fault.what, fault.task) == ("stop_impossible", "part")
+    assert (fault.key, fault.task) == ("stop_impossible", "part")

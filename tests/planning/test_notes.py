@@ -19,7 +19,7 @@ def test_a_note_is_its_sentence_and_keeps_its_data() -> None:
     assert json.dumps([note]) == json.dumps([str(note)])
     again = pickle.loads(pickle.dumps(note))
     assert (again, again.topic, again.key) == (note, "order bound", "stages")
-    assert again.more == {"total": 12.345, "bound": 11.5}
+    assert again.data == {"total": 12.345, "bound": 11.5}
 
 
 def test_topics_are_told_by_the_note_and_not_by_its_text() -> None:

@@ -247,8 +247,6 @@ def test_a_task_that_no_arm_does_without_a_collision_is_named(tmp_path):
     with pytest.raises(InfeasibleError) as refused:
         plan(job, PlanSettings(effort="quick"))
     (refusal,) = refused.value.refusals
-    assert (refusal.what, refusal.task) == ("out_of_reach", "a")
-    assert [cause.arm for cause in refusal.more["causes"]] == ["left", "right"]
-    assert {cause.more["cause"].what for cause in refusal.more["causes"]} == {
-        "stops_lack_clearance"
-    }
+    assert (refusal.key, refusal.task) == ("out_of_reach", "a")
+    assert [cause.arm for cause in refusal.data["causes"]] == ["left", "right"]
+    assert {cause.data["cause"].key for cause in refusal.data["causes"]} == {"stops_lack_clearance"}

@@ -69,7 +69,7 @@ class Follower:
         duration = (problem.instants - 1) * problem.step
         self.asked.append(duration)
         if duration < self.least:
-            return NoPath(Refusal("joints_stop", more={"also": []}), problem.instants // 2, np.inf)
+            return NoPath(Refusal("joints_stop", data={"also": []}), problem.instants // 2, np.inf)
         return follow_min_norm(problem)
 
 

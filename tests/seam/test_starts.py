@@ -88,7 +88,7 @@ def test_the_first_failure_is_where_the_arm_is_stretched(cells, make):
     reached = 0.5 + 0.5 * found.failure.share
     assert 0.81 < reached < 0.823
     reason = found.failure.reason
-    assert (reason.what, reason.arm) == ("seam_not_reached", "left")
+    assert (reason.key, reason.arm) == ("seam_not_reached", "left")
     whole = replace(work, curve=radial(0.5, 0.8, 0.134))
     assert seam_starts(make.problem_on(cells["iiwa14"], whole, samples=30)).failure is None
 
@@ -120,17 +120,17 @@ def test_a_joint_s_limit_that_ends_it_is_named(cells, make):
     assert found.failure is not None
     assert 0.0 < found.failure.share < 1.0
     reason = found.failure.reason
-    assert reason.what == "seam_joint_limit"
-    assert reason.more["joint"] in limits.joints
+    assert reason.key == "seam_joint_limit"
+    assert reason.data["joint"] in limits.joints
 
 
 def test_of_ways_that_cannot_be_worked_the_joint_the_collision_or_the_end_is_told(cells, make):
     """A joint's limit put between its least and its greatest position on a way; bodies; what comes next."""
     problem = make.problem_on(cells["sda10f"], make.work_on(make.line()), samples=60)
     way = seam_starts(problem).position[0]
-    assert why_impossible(problem, [way]).reason.what == "seam_goes_on"
+    assert why_impossible(problem, [way]).reason.key == "seam_goes_on"
     touching = replace(problem, is_free=lambda q: np.zeros(len(q), dtype=bool))
-    assert why_impossible(touching, [way]).reason.what == "seam_all_touch"
+    assert why_impossible(touching, [way]).reason.key == "seam_all_touch"
     joint = int(np.argmax(np.ptp(way, axis=0)))
     upper = np.array(problem.limits.upper)
     # Beyond what bounds for decisions leave free, and what they are passed by in rounding.
@@ -149,7 +149,7 @@ def test_what_touches_is_left_out(cells, make):
     nothing = make.problem_on(
         cells["sda10f"], work, samples=60, is_free=lambda q: np.zeros(len(q), dtype=bool)
     )
-    assert seam_starts(nothing).failure.reason.what == "seam_all_touch"
+    assert seam_starts(nothing).failure.reason.key == "seam_all_touch"
     elbow = nothing.limits.joints.index("left_e")
     some = replace(nothing, is_free=lambda q: q[:, elbow] > 0.0)
     found = seam_starts(some)

@@ -149,8 +149,8 @@ def with_buffers(document: Document, model: TasksFile, job: Job) -> Job:
         place = Place(document.source.name, line, column)
         buffers[name] = Buffer(section.capacity, section.initial, place)
         if _counted(model, name) == (0, 0):
-            more = {"quoted": quote(name), "buffer": name}
-            notes.append(_note("unused", **more))
+            data = {"quoted": quote(name), "buffer": name}
+            notes.append(_note("unused", **data))
     return replace(job, buffers=buffers, notes=(*job.notes, *notes))
 
 

@@ -180,25 +180,25 @@ def no_time(stops: Iterable[ArmStop]) -> Refusal:
     """Describe the failure to find times at which the arms of a stage meet their parts."""
     moving = [stop for stop in stops if stop.stop.belt is not None]
     which = [
-        Refusal("stop_of", None, stop.task.id, stop.arm, more={"action": stop.stop.action})
+        Refusal("stop_of", None, stop.task.id, stop.arm, data={"action": stop.stop.action})
         for stop in moving
     ]
     windows = [_window(_named_belt(stop)) for stop in moving]
-    more = {"stops": which, "windows": windows}
-    return Refusal("parts_not_met", moving[0].stop.place, moving[0].task.id, more=more)
+    data = {"stops": which, "windows": windows}
+    return Refusal("parts_not_met", moving[0].stop.place, moving[0].task.id, data=data)
 
 
 def _at_belt(key: str, arm_stop: ArmStop, measured: float | None, **details: object) -> Refusal:
     """Create the refusal of a stop at a moving part."""
     stop = arm_stop.stop
     details |= {"action": stop.action, "window": _window(_named_belt(arm_stop))}
-    return Refusal(key, stop.place, arm_stop.task.id, arm_stop.arm, measured, more=details)
+    return Refusal(key, stop.place, arm_stop.task.id, arm_stop.arm, measured, data=details)
 
 
 def _window(belt: OnBelt) -> Refusal:
     named = {"conveyor": belt.conveyor.name, "speed": belt.conveyor.speed}
     times = {"passes": belt.passes, "within": belt.within, "last": belt.last}
-    return Refusal("window", more={**named, **times})
+    return Refusal("window", data={**named, **times})
 
 
 def _named_belt(arm_stop: ArmStop) -> OnBelt:

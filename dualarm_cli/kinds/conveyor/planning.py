@@ -324,7 +324,7 @@ def belt_collision(job: Job, plan: ClearedPlan) -> Refusal | None:
                 details = {"one": body_a, "other": body_b, "when": float(time[row] - stage.start)}
                 details |= {"stage": k + 1, "partner": [], "standing": [], "tried": []}
                 return Refusal(
-                    "stage_touches", room.stop.place, room.task.id, event.arm, lack, more=details
+                    "stage_touches", room.stop.place, room.task.id, event.arm, lack, data=details
                 )
     return None
 

@@ -166,8 +166,8 @@ class Tracking:
             motion, timed = self._within_limits(timed, parts)
             if self._stays(motion, timed):
                 return Tracked(motion, timed)
-        more = {"micrometres": TRACKING.with_part * 1e6}
-        raise InfeasibleError(Refusal("part_left", allowed=TRACKING.with_part, more=more))
+        data = {"micrometres": TRACKING.with_part * 1e6}
+        raise InfeasibleError(Refusal("part_left", allowed=TRACKING.with_part, data=data))
 
     def _shapes(self) -> Sequence[int]:
         """List the line shapes to try.
@@ -228,10 +228,10 @@ class Tracking:
                 break
         if best is not None:
             return best
-        more = {"speed": norm(self.velocity)}
+        data = {"speed": norm(self.velocity)}
         largest = float(excess.max())
         raise InfeasibleError(
-            Refusal("conveyor_too_fast", measured=largest, allowed=1.0, more=more)
+            Refusal("conveyor_too_fast", measured=largest, allowed=1.0, data=data)
         )
 
     def _motion(self, phases: TrackingPhases, parts: int) -> tuple[Trajectory, list[int]]:

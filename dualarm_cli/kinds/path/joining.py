@@ -64,7 +64,7 @@ class Joined:
             "joint_exceeds",
             measured=factor * needed[kind, knot, joint],
             allowed=factor * allowed[kind, joint],
-            more={"joint": limits.joints[joint], "unit": unit},
+            data={"joint": limits.joints[joint], "unit": unit},
         )
         # Between knots velocity may be larger: the spline's own extrema decide.
         exact = largest_rates(time, v, a)
@@ -134,7 +134,7 @@ class Joined:
             "joint_exceeds",
             measured=abs(float(torques[knot, joint])),
             allowed=float(problem.torque[joint]),
-            more={"joint": problem.limits.joints[joint], "unit": unit},
+            data={"joint": problem.limits.joints[joint], "unit": unit},
         )
         holding = np.abs(problem.dynamics(motion.position[knot], np.zeros(len(problem.free)))[1])
         return replace(

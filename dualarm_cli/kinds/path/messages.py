@@ -103,14 +103,14 @@ def why_not(
             name for name, distance in zip(limits.joints, room, strict=True) if distance < AT_LIMIT
         ]
         details = {
-            "near": [Refusal("near_posture", more={"posture": work.posture})] * bool(work.posture),
+            "near": [Refusal("near_posture", data={"posture": work.posture})] * bool(work.posture),
             "mm": nearest.distance * 1e3,
             "degrees": np.rad2deg(nearest.angle),
-            "at_limit": [Refusal("joints_at_limit", more={"joints": joints})] * bool(joints),
+            "at_limit": [Refusal("joints_at_limit", data={"joints": joints})] * bool(joints),
         }
-        return Refusal("path_out_of_reach", *subject, nearest.distance, more=details)
+        return Refusal("path_out_of_reach", *subject, nearest.distance, data=details)
     best = max(refusals, key=lambda refused: refused.share)
     # Lower speed was tried already if the file allows it.
     helps: Remedy = "other" if best.remedy == "slower" and work.slower else best.remedy
     details = {"method": name, "causes": refusals, "cause": best.reason}
-    return Refusal("path_not_followed", *subject, remedy=REMEDIES[helps], more=details)
+    return Refusal("path_not_followed", *subject, remedy=REMEDIES[helps], data=details)

@@ -380,7 +380,7 @@ class _Trials:
                 "measured_mm": error * 1e3,
                 "allowed_mm": self.work.tolerance * 1e3,
             }
-            reason = Refusal("path_left", measured=error, allowed=self.work.tolerance, more=details)
+            reason = Refusal("path_left", measured=error, allowed=self.work.tolerance, data=details)
             return _Trial(None, Refused(reason, 1.0, "tolerance"))
         joined: list[Joined] = []
         allowed = min(FOLLOW.tolerated * self.work.tolerance, FOLLOW.stray)
@@ -412,7 +412,7 @@ class _Trials:
         along = float(np.interp(curve.when, times, problem.share))
         posture = motion.position[min(problem.instants - 1, round(curve.when / problem.step))]
         also = [*_near_junction(self.work, along), *singular_there(problem, posture)]
-        cause = Refusal("path_exceeds", more={"cause": curve.reason, "also": also})
+        cause = Refusal("path_exceeds", data={"cause": curve.reason, "also": also})
         remedy = "slower" if curve.slower_helps else "other"
         refused = _refused(self.work, cause, curve.when, along, remedy)
         refused = replace(refused, excess=curve.worst)
@@ -432,7 +432,7 @@ def _near_junction(work: PathWork, share: float) -> list[Refusal]:
     for path in work.paths.values():
         for edge in path.junctions:
             if edge not in path.corners and abs(edge - share * path.length) < FOLLOW.near_junction:
-                return [Refusal("near_junction", more={"mm": edge * 1e3})]
+                return [Refusal("near_junction", data={"mm": edge * 1e3})]
     return []
 
 
@@ -442,9 +442,9 @@ def _refused(work: PathWork, reason: Refusal, time: float, share: float, remedy:
     for arm, path in work.paths.items():
         x, y, z = path.pose(share * path.length).translation
         where = {"mm": share * path.length * 1e3, "x": x, "y": y, "z": z}
-        places.append(Refusal("tool_on_path", arm=arm, more=where))
-    more = {"time": time, "places": places, "cause": reason}
-    return Refused(Refusal("path_fails_at", more=more), share, remedy)
+        places.append(Refusal("tool_on_path", arm=arm, data=where))
+    data = {"time": time, "places": places, "cause": reason}
+    return Refused(Refusal("path_fails_at", data=data), share, remedy)
 
 
 def is_clear(holding: Holding, position: FloatArray) -> BoolArray:
@@ -466,6 +466,6 @@ def touching_path(holding: Holding, path: FollowedPath) -> Refused | None:
         return None
     body_a, body_b, missing = holding.cell.nearest(position[k], held_parts[k])
     share = float(path.clock.at(time[k : k + 1])[0][0])
-    more = {"time": time[k], "one": body_a, "other": body_b}
-    reason = Refusal("path_touches", measured=max(0.0, -missing), more=more)
+    data = {"time": time[k], "one": body_a, "other": body_b}
+    reason = Refusal("path_touches", measured=max(0.0, -missing), data=data)
     return Refused(reason, share, "clear")

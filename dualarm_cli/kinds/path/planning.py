@@ -221,7 +221,7 @@ class PathSearch:
             try:
                 transfer = self.tools.transfer(self.current, q)
             except InfeasibleError as error:
-                reason = Refusal("no_way_to_path", more={"cause": error})
+                reason = Refusal("no_way_to_path", data={"cause": error})
                 self.refusals.append(Refused(reason, 0.0, "clear"))
                 return False
         if self.best is None or _time(transfer, path) < _time(*self.best):

@@ -107,7 +107,7 @@ def where_it_fails(work: SeamWork, failure: NoSeam) -> Refusal:
     length = work.length * 1e3
     details = {"mm": failure.share * length, "length_mm": length, "cause": failure.reason}
     key = "seam_has_no_joints" if failure.share >= 1.0 else "seam_fails_at"
-    return Refusal(key, remedy=_helps(work), more=details)
+    return Refusal(key, remedy=_helps(work), data=details)
 
 
 def _helps(work: SeamWork) -> tuple[str, ...]:
@@ -123,5 +123,5 @@ def _helps(work: SeamWork) -> tuple[str, ...]:
 def seam_refusal(task: str, work: SeamWork, cause: Refusal) -> Refusal:
     """Create the refusal of a task's seam, with the arms."""
     carrier = [] if work.master is None else [Refusal("part_in", arm=work.master)]
-    more = {"carrier": carrier, "cause": cause}
-    return Refusal("seam_not_worked", work.place, task, work.slave, more=more)
+    data = {"carrier": carrier, "cause": cause}
+    return Refusal("seam_not_worked", work.place, task, work.slave, data=data)

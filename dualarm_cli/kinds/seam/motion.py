@@ -122,7 +122,7 @@ def timed_seam(
                 capped = profile.speed >= cap * MOTION.cap_margin * MOTION.as_asked
                 return TimedSeam(trajectory, profile, residual, capped)
             reason = (
-                Refusal("seam_opens", measured=residual, remedy=DIVIDE, more={"um": residual * 1e6})
+                Refusal("seam_opens", measured=residual, remedy=DIVIDE, data={"um": residual * 1e6})
                 if residual > MOTION.open
                 else Refusal("seam_uneven", measured=uneven, remedy=DIVIDE)
                 if uneven > MOTION.uneven
@@ -178,11 +178,11 @@ def _profile(
         "duration": profile.duration,
     }
     if profile.speed >= cap * MOTION.as_asked:
-        return Refusal("seam_capped", remedy=("raise_cap", *LESS), more=details)
+        return Refusal("seam_capped", remedy=("raise_cap", *LESS), data=details)
     if top.speed > target_speed:
-        return Refusal("seam_too_short", remedy=LESS, more=details)
+        return Refusal("seam_too_short", remedy=LESS, data=details)
     decides = {"kind": top.kind, "joint": top.joint, "mm": top.share * length * 1e3}
-    return Refusal("seam_too_fast", remedy=LESS, more={**details, **decides})
+    return Refusal("seam_too_fast", remedy=LESS, data={**details, **decides})
 
 
 def is_too_fast(refusal: Refusal) -> bool:

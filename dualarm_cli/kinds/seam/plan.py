@@ -111,11 +111,11 @@ def trace_retract(
             q = q - product(JW.T, solve(gram + 1e-12 * np.eye(6), error))
         distance = {"mm": length * k / (SEAM.seam_line_samples - 1) * 1e3}
         if np.abs(error).max() > 100.0 * SEAM.exact:
-            return Refusal("seam_line_out_of_reach", arm=chain.work.slave, more=distance)
+            return Refusal("seam_line_out_of_reach", arm=chain.work.slave, data=distance)
         beyond = np.maximum(limits.lower - q, q - limits.upper) * chain.slave_joints
         if beyond.max() > 0.0:
             joint = limits.joints[int(np.argmax(beyond))]
-            return Refusal("seam_line_at_limit", more={"joint": joint, **distance})
+            return Refusal("seam_line_at_limit", data={"joint": joint, **distance})
         positions[k] = q
     return positions
 
@@ -159,7 +159,7 @@ def line_motion(
         if deviation <= SEAM.near:
             return motion
     return Refusal(
-        "seam_line_left", measured=deviation, allowed=SEAM.near, more={"mm": deviation * 1e3}
+        "seam_line_left", measured=deviation, allowed=SEAM.near, data={"mm": deviation * 1e3}
     )
 
 
@@ -184,7 +184,7 @@ def nearest_bodies(holding: Holding, position: FloatArray) -> Refusal:
     """Describe the two nearest bodies at a configuration (n,) [rad]."""
     held_parts = holding.cell.loads.nothing(len(holding.cell.arms))
     body_a, body_b, missing = holding.cell.nearest(position, held_parts)
-    return Refusal("touches", measured=max(0.0, -missing), more={"one": body_a, "other": body_b})
+    return Refusal("touches", measured=max(0.0, -missing), data={"one": body_a, "other": body_b})
 
 
 def worst_collision(
@@ -205,8 +205,8 @@ def worst_collision(
         margin = _margins(holding, position)
         k = int(np.argmin(margin))
         if margin[k] < SEAM.kept_between:
-            more = {"where": words, "time": time[k], "cause": nearest_bodies(holding, position[k])}
-            return Refusal("seam_touches", more=more)
+            data = {"where": words, "time": time[k], "cause": nearest_bodies(holding, position[k])}
+            return Refusal("seam_touches", data=data)
     return None
 
 
@@ -428,13 +428,13 @@ class SeamPlanner:
                 continue
             back = trace_retract(chain, limits, seam.trajectory.position[end], length)
             if isinstance(back, Refusal):
-                return Refusal("seam_line", more={"line": line, "cause": back})
+                return Refusal("seam_line", data={"line": line, "cause": back})
             positions = back[::-1] if end == 0 else back
             motion_on_line = line_motion(
                 chain, positions, length, limits, self.timing, self.job.tool_speed
             )
             if isinstance(motion_on_line, Refusal):
-                return Refusal("seam_line", more={"line": line, "cause": motion_on_line})
+                return Refusal("seam_line", data={"line": line, "cause": motion_on_line})
             lines[line] = motion_on_line
         q, joints = seam.trajectory.position, limits.joints
         return PlannedSeam(

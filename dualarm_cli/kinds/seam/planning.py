@@ -78,9 +78,9 @@ def add_seam_section(
         try:
             transfer = tools.transfer(current, planned.start_joints)
         except InfeasibleError as error:
-            more = {"cause": error}
+            data = {"cause": error}
             raise InfeasibleError(
-                Refusal("no_way_to_seam", work.place, name, work.slave, more=more)
+                Refusal("no_way_to_seam", work.place, name, work.slave, data=data)
             ) from None
         motion = transfer.cleared.motion
         _check_entry(work, job.speed, motion.trajectory.duration + planned.lead_time, name)

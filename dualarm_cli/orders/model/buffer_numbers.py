@@ -94,14 +94,14 @@ def _fault(
         "buffer": name,
         "stage": number,
         "causes": [
-            Refusal(what, more={"names": names})
-            for what, names in (("puts", puts), ("takes", takes))
+            Refusal(key, data={"names": names})
+            for key, names in (("puts", puts), ("takes", takes))
             if names
         ],
         "either": [Refusal("either_first")] if puts and takes else [],
     }
     task, stop = uses[0]
-    return Refusal("buffer_in_stage", stop.place, task.id, "", level, capacity, more=details)
+    return Refusal("buffer_in_stage", stop.place, task.id, "", level, capacity, data=details)
 
 
 def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
@@ -158,9 +158,9 @@ def _waiting_forever(
             cause = "waits_for_room" if stop.stored > 0 else "waits_for_part"
             level, capacity = parts[stop.buffer], job.buffers[stop.buffer].capacity
         details = {"action": stop.action, "buffer": stop.buffer}
-        causes.append(Refusal(cause, None, task.id, task.arm, level, capacity, more=details))
+        causes.append(Refusal(cause, None, task.id, task.arm, level, capacity, data=details))
     first, stop = waiting[0]
-    return Refusal("arms_wait_forever", stop.place, first.id, more={"causes": causes})
+    return Refusal("arms_wait_forever", stop.place, first.id, data={"causes": causes})
 
 
 def with_levels_after(job: Job, finished: Sequence[Task]) -> Job:
@@ -176,7 +176,7 @@ def with_levels_after(job: Job, finished: Sequence[Task]) -> Job:
         if not 0 <= level <= buffer.capacity:
             details = {"buffer": name}
             place = stops[-1].place, finished[-1].id, "", level, buffer.capacity
-            raise InfeasibleError(Refusal("buffer_at_border", *place, more=details))
+            raise InfeasibleError(Refusal("buffer_at_border", *place, data=details))
         changed[name] = replace(buffer, initial=level)
     return replace(job, buffers=changed)
 

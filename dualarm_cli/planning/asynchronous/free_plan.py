@@ -121,8 +121,8 @@ class FreePlanner:
             return replace(quicker[0], gain=gain - quicker[0].trajectory.duration)
         slides = self.problem.model.platform.is_rail
         places = (1e3 * angle if slides else np.degrees(angle)).round(1).tolist()
-        more = {"places": places, "unit": "mm" if slides else "deg"}
-        raise InfeasibleError(Refusal("asynchronous_not_clear", more=more))
+        data = {"places": places, "unit": "mm" if slides else "deg"}
+        raise InfeasibleError(Refusal("asynchronous_not_clear", data=data))
 
     def _together(
         self,

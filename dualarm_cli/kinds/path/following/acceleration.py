@@ -171,10 +171,10 @@ def _follow(problem: PathProblem, desired: DesiredAcceleration) -> PathMotion | 
         try:
             solution = step.solve(q, qd, acceleration, k - 1)
         except SingularMatrixError:
-            return NoPath(Refusal("tools_stop", more={"also": singular_there(problem, q)}), k)
+            return NoPath(Refusal("tools_stop", data={"also": singular_there(problem, q)}), k)
         if solution is None:
             also = [*_not_held(problem, q), *singular_there(problem, q)]
-            return NoPath(Refusal("accelerations_stop", more={"also": also}), k, np.inf)
+            return NoPath(Refusal("accelerations_stop", data={"also": also}), k, np.inf)
         acceleration, correction = solution
         # Feedback reduces the tools' errors; this removes the rest from the result, not from the state.
         position[k - 1] += correction
@@ -198,8 +198,8 @@ def _not_held(problem: PathProblem, q: FloatArray) -> list[Refusal]:
     if fraction[joint] <= 1.0:
         return []
     measured, allowed = float(holding_torque[joint]), float(problem.torque[joint])
-    more = {"joint": problem.limits.joints[joint]}
-    return [Refusal("posture_not_held", measured=measured, allowed=allowed, more=more)]
+    data = {"joint": problem.limits.joints[joint]}
+    return [Refusal("posture_not_held", measured=measured, allowed=allowed, data=data)]
 
 
 class AccelerationStep:

@@ -281,11 +281,11 @@ def _reason(
     miss = model.arms[name].closed_form.reach_miss(*flanges)
     if miss.max() > 0.0:
         k = int(np.argmax(miss > 0.0))
-        more = {"mm": miss.max() * 1e3}
-        return NoPath(Refusal("wrist_misses", arm=name, more=more), k)
+        data = {"mm": miss.max() * 1e3}
+        return NoPath(Refusal("wrist_misses", arm=name, data=data), k)
     moves = problem.free.copy()
     moves[model.platform_columns] = False
     if ended := ended_by_limit(problem, moves):
-        reason = Refusal("platform_stands", more={"cause": ended.reason})
+        reason = Refusal("platform_stands", data={"cause": ended.reason})
         return NoPath(reason, ended.instant)
     return NoPath(Refusal("no_branch", arm=name), 0)

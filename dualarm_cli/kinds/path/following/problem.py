@@ -173,12 +173,12 @@ def limit_reached(problem: PathProblem, joint: int, position: float) -> Refusal:
     lower, upper = float(limits.lower[joint]), float(limits.upper[joint])
     bound = upper if position > 0.5 * (lower + upper) else lower
     slides = problem.body.slides[joint]
-    more = {
+    data = {
         "joint": limits.joints[joint],
         "bound": bound * 1e3 if slides else np.rad2deg(bound),
         "unit": "mm" if slides else "deg",
     }
-    return Refusal("joint_limit", more=more)
+    return Refusal("joint_limit", data=data)
 
 
 def singular_there(problem: PathProblem, q: FloatArray) -> list[Refusal]:

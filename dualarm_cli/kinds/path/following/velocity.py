@@ -166,13 +166,13 @@ def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | 
         try:
             moved = step(q, k)
         except SingularMatrixError:
-            return NoPath(Refusal("joints_stop", more={"also": singular_there(problem, q)}), k)
+            return NoPath(Refusal("joints_stop", data={"also": singular_there(problem, q)}), k)
         if not np.abs(moved - q).max() < VELOCITY.largest_step:
             result = _judged(problem, room, position[:k])
             if isinstance(result, NoPath):
                 return result
             also = singular_there(problem, q) or [Refusal("perhaps_beyond_reach")]
-            return NoPath(Refusal("joints_stop", more={"also": also}), k)
+            return NoPath(Refusal("joints_stop", data={"also": also}), k)
         position[k] = q = moved
     return _judged(problem, room, position)
 

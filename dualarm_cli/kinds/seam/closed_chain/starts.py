@@ -138,9 +138,9 @@ def _all_touch(problem: SeamProblem, paths: FloatArray) -> NoSeam:
         best = int(free.sum(axis=1).argmax())
         node = int(np.argmin(free[best]))
         place = problem.shares[node] * problem.chain.work.length * 1e3
-        more = {"cause": problem.nearest_bodies(paths[best, node]), "mm": place}
-        least = [Refusal("seam_touches_least", more=more)]
-    return NoSeam(Refusal("seam_all_touch", more={"least": least}), 1.0)
+        data = {"cause": problem.nearest_bodies(paths[best, node]), "mm": place}
+        least = [Refusal("seam_touches_least", data=data)]
+    return NoSeam(Refusal("seam_all_touch", data={"least": least}), 1.0)
 
 
 def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
@@ -168,8 +168,8 @@ def _start_failure(problem: SeamProblem) -> Refusal:
     closed = _closed_draws(problem, 0)
     nearest = int(np.argmin(closed.residual))
     if closed.residual[nearest] > CLOSED:
-        more = {"mm": closed.residual[nearest] * 1e3, "turn": TURN}
-        return Refusal("seam_apart", more=more)
+        data = {"mm": closed.residual[nearest] * 1e3, "turn": TURN}
+        return Refusal("seam_apart", data=data)
     closed_joints = closed.position[closed.residual < CLOSED]
     nearest = int(np.argmin(beyond_limits(problem, closed_joints)))
     return _failure_cause(problem, closed_joints[nearest : nearest + 1])
@@ -293,12 +293,12 @@ def _failure_cause(problem: SeamProblem, position: FloatArray) -> Refusal:
     if not len(position):
         downhand = []
         if work.downhand is not None:
-            downhand = [Refusal("seam_upwards", more={"degrees": np.rad2deg(work.downhand)})]
-        return Refusal("seam_not_reached", arm=work.slave, more={"downhand": downhand})
+            downhand = [Refusal("seam_upwards", data={"degrees": np.rad2deg(work.downhand)})]
+        return Refusal("seam_not_reached", arm=work.slave, data={"downhand": downhand})
     low, high = problem.bounds
     beyond = np.maximum(low - position, position - high) * problem.chain.closes
     _, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
     value = position[int(np.argmax(beyond[:, joint])), joint]
     bound = limits.upper[joint] if value > high[joint] else limits.lower[joint]
-    more = {"joint": limits.joints[joint], "degrees": np.rad2deg(bound)}
-    return Refusal("seam_joint_limit", more=more)
+    data = {"joint": limits.joints[joint], "degrees": np.rad2deg(bound)}
+    return Refusal("seam_joint_limit", data=data)
