@@ -34,9 +34,7 @@ class Reading(StrEnum):
 
 
 def calibrate_command(
-    points: Annotated[
-        Path, typer.Argument(help="File of touched points (dualarm: points/1).", show_default=False)
-    ],
+    points: Annotated[Path, typer.Argument(help="File of touched points (dualarm: points/1).")],
     method: Annotated[
         str,
         typer.Option(
@@ -56,9 +54,7 @@ def calibrate_command(
     fit: Annotated[
         str | None,
         typer.Option(
-            "--fit",
-            help="Further estimated parameters: tool, base_height or tool,base_height.",
-            show_default=False,
+            "--fit", help="Further estimated parameters: tool, base_height or tool,base_height."
         ),
     ] = None,
     use: Annotated[
@@ -70,9 +66,7 @@ def calibrate_command(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
-            help="Base file to write, for `base:` of a cell file; - prints it on stdout.",
-            show_default=False,
+            "--out", help="Base file to write, for `base:` of a cell file; - prints it on stdout."
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,

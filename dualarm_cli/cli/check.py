@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 def check_command(
     files: Annotated[
-        list[Path],
-        typer.Argument(help="Task, cell, robot, study, points or base files.", show_default=False),
+        list[Path], typer.Argument(help="Task, cell, robot, study, points or base files.")
     ],
     json_output: JsonOption = False,
     quiet: QuietOption = False,

@@ -49,9 +49,7 @@ compare_app = typer.Typer(
     rich_markup_mode=None,
     cls=HelpGroup,
 )
-OutOption = Annotated[
-    str | None, typer.Option("--out", help="Folder for the results.", show_default=False)
-]
+OutOption = Annotated[str | None, typer.Option("--out", help="Folder for the results.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")]
 
 
@@ -60,9 +58,7 @@ def solvers_command(
     tasks: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Task files (tasks/1). Default: the bundled ones.",
-            show_default=False,
-            autocompletion=complete_job,
+            help="Task files (tasks/1). Default: the bundled ones.", autocompletion=complete_job
         ),
     ] = None,
     method: Annotated[
@@ -97,8 +93,7 @@ def solvers_command(
     seed: SeedOption = 0,
     out: OutOption = None,
     plot: Annotated[
-        Path | None,
-        typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).", show_default=False),
+        Path | None, typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).")
     ] = None,
     page: Annotated[
         bool,
@@ -294,10 +289,7 @@ def schedules_command(
             metavar="A", help="Folder of a plan, or a schedule file.", show_default=False
         ),
     ],
-    b: Annotated[
-        Path,
-        typer.Argument(metavar="B", help="The plan to compare it with.", show_default=False),
-    ],
+    b: Annotated[Path, typer.Argument(metavar="B", help="The plan to compare it with.")],
     out: OutOption = None,
     page: Annotated[
         bool,

@@ -31,18 +31,13 @@ INTERVAL = "4 ms"
 
 def curve_command(
     tasks: Annotated[
-        Path,
-        typer.Argument(
-            help="Task file with coordinate tasks.", show_default=False, autocompletion=complete_job
-        ),
+        Path, typer.Argument(help="Task file with coordinate tasks.", autocompletion=complete_job)
     ],
     task: Annotated[
-        str | None,
-        typer.Option("--task", help="Task whose curve is written.", show_default="all"),
+        str | None, typer.Option("--task", help="Task whose curve is written.", show_default="all")
     ] = None,
     step: Annotated[
-        str | None,
-        typer.Option("--step", help="Interval between points.", show_default=INTERVAL),
+        str | None, typer.Option("--step", help="Interval between points.", show_default=INTERVAL)
     ] = None,
     spacing: Annotated[
         str | None,
@@ -51,14 +46,11 @@ def curve_command(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
-            help="CSV to write: s, x, y, z, qx, qy, qz, qw; - prints it on stdout.",
-            show_default=False,
+            "--out", help="CSV to write: s, x, y, z, qx, qy, qz, qw; - prints it on stdout."
         ),
     ] = None,
     plot: Annotated[
-        Path | None,
-        typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).", show_default=False),
+        Path | None, typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
     json_output: JsonOption = False,

@@ -48,16 +48,13 @@ class PlatformGroup(StrEnum):
 
 
 def export_command(
-    plan: Annotated[
-        Path, typer.Argument(help="Folder of a plan, or a schedule file.", show_default=False)
-    ],
-    to: Annotated[Format, typer.Option("--to", help="Format.", show_default=False)],
+    plan: Annotated[Path, typer.Argument(help="Folder of a plan, or a schedule file.")],
+    to: Annotated[Format, typer.Option("--to", help="Format.")],
     out: Annotated[
         str | None,
         typer.Option(
             "--out",
             help="Folder for the files; default a folder of the format's name in the plan's.",
-            show_default=False,
         ),
     ] = None,
     rate: Annotated[float, typer.Option("--rate", help="Samples per second.")] = RATE,

@@ -12,10 +12,7 @@ from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message
 
 
 def init_command(
-    folder: Annotated[
-        Path,
-        typer.Argument(metavar="DIR", help="Folder to write: new, or empty.", show_default=False),
-    ],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write: new, or empty.")],
     robot: Annotated[
         str | None,
         typer.Option(
@@ -28,11 +25,7 @@ def init_command(
     ] = None,
     package_dir: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--package-dir",
-            help="Folder of a ROS package, or of several; for a URDF.",
-            show_default=False,
-        ),
+        typer.Option("--package-dir", help="Folder of a ROS package, or of several; for a URDF."),
     ] = None,
     json_output: JsonOption = False,
 ) -> None:

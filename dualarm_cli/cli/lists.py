@@ -80,8 +80,7 @@ def schema_command(
         ),
     ] = "",
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="File to write; stdout without it.", show_default=False),
+        Path | None, typer.Option("--out", help="File to write; stdout without it.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
 ) -> None:

@@ -64,7 +64,6 @@ StagesOption = Annotated[
         "--details",
         "-v",
         count=True,
-        show_default=False,
         help="Print stages, waits, bound and notes; -vv: every stage of a long plan.",
     ),
 ]
@@ -83,9 +82,7 @@ def plan_command(
     tasks: Annotated[
         Path,
         typer.Argument(
-            help="Task file (tasks/1), or the name of a bundled job.",
-            show_default=False,
-            autocompletion=complete_job,
+            help="Task file (tasks/1), or the name of a bundled job.", autocompletion=complete_job
         ),
     ],
     out: Annotated[
@@ -93,7 +90,6 @@ def plan_command(
         typer.Option(
             "--out",
             help="Folder for the results; default ./<task file's name>-plan; - prints schedule.json only, on stdout.",
-            show_default=False,
         ),
     ] = None,
     platform: PlatformOption = None,
@@ -113,7 +109,6 @@ def plan_command(
         typer.Option(
             "--plot",
             help="Gantt chart to write (.png, .svg, .pdf); of paths and seams also FILE_paths, FILE_seams.",
-            show_default=False,
         ),
     ] = None,
     page: Annotated[

@@ -34,8 +34,7 @@ def platform_command(
     tasks: Annotated[
         Path | None,
         typer.Argument(
-            help="Task file that holds the move; without it the options describe a planar robot.",
-            show_default=False,
+            help="Task file that holds the move; without it the options describe a planar robot."
         ),
     ] = None,
     stage: Annotated[int, typer.Option("--stage", help="Stage of the task file, from 1.")] = 1,
@@ -50,8 +49,7 @@ def platform_command(
     start: Annotated[str, typer.Option(help="Both wrists before: x, y; x, y.")] = PAPER["start"],
     goal: Annotated[str, typer.Option(help="Both wrists after: x, y; x, y.")] = PAPER["goal"],
     plot: Annotated[
-        Path | None,
-        typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).", show_default=False),
+        Path | None, typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).")
     ] = None,
     json_output: JsonOption = False,
 ) -> None:

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 """Name of the page next to a schedule."""
-OpenOption = Annotated[
-    bool, typer.Option("--open", help="Show report.html in the browser.", show_default=False)
-]
+OpenOption = Annotated[bool, typer.Option("--open", help="Show report.html in the browser.")]
 
 
 def show_page(page: Path) -> None:
@@ -32,9 +30,7 @@ def show_page(page: Path) -> None:
 
 
 def report_command(
-    plan: Annotated[
-        Path, typer.Argument(help="Folder of a plan, or a schedule file.", show_default=False)
-    ],
+    plan: Annotated[Path, typer.Argument(help="Folder of a plan, or a schedule file.")],
     tasks: PlanTasksOption = None,
     video: Annotated[
         Path | None,
@@ -42,7 +38,6 @@ def report_command(
             "--video",
             metavar="FILE",
             help="Write the motion in real time as well: .mp4 or .gif. Needs Chromium and ffmpeg.",
-            show_default=False,
         ),
     ] = None,
     open_page: OpenOption = False,

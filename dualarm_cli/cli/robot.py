@@ -129,15 +129,11 @@ def export_command(
 
 @robot_app.command("import", cls=HelpCommand)
 def import_command(
-    urdf: Annotated[
-        Path | None, typer.Argument(help="URDF or xacro file.", show_default=False)
-    ] = None,
+    urdf: Annotated[Path | None, typer.Argument(help="URDF or xacro file.")] = None,
     left: Annotated[
         Path | None,
         typer.Option(
-            "--left",
-            help="URDF of a robot of one arm that becomes the left arm of a cell of two.",
-            show_default=False,
+            "--left", help="URDF of a robot of one arm that becomes the left arm of a cell of two."
         ),
     ] = None,
     right: Annotated[
@@ -153,12 +149,10 @@ def import_command(
         ),
     ] = None,
     srdf: Annotated[
-        Path | None,
-        typer.Option("--srdf", help="SRDF: groups, postures and contacts.", show_default=False),
+        Path | None, typer.Option("--srdf", help="SRDF: groups, postures and contacts.")
     ] = None,
     joint_limits: Annotated[
-        Path | None,
-        typer.Option("--joint-limits", help="MoveIt's joint_limits.yaml.", show_default=False),
+        Path | None, typer.Option("--joint-limits", help="MoveIt's joint_limits.yaml.")
     ] = None,
     left_tip: Annotated[
         str,
@@ -175,8 +169,7 @@ def import_command(
         ),
     ] = "",
     platform: Annotated[
-        list[str] | None,
-        typer.Option("--platform", help="A joint that carries both arms.", show_default=False),
+        list[str] | None, typer.Option("--platform", help="A joint that carries both arms.")
     ] = None,
     package_dir: Annotated[
         list[Path] | None,
@@ -189,7 +182,6 @@ def import_command(
         typer.Option(
             "--convex-parts",
             help="A link whose meshes become several convex parts instead of one hull (extra `coacd`).",
-            show_default=False,
         ),
     ] = None,
     seed: SeedOption = 0,

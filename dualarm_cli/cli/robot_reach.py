@@ -31,16 +31,14 @@ def reach_command(
         ),
     ] = None,
     tilt: Annotated[
-        str,
-        typer.Option("--tilt", help="Tilt of the tool from straight down, its tip outwards."),
+        str, typer.Option("--tilt", help="Tilt of the tool from straight down, its tip outwards.")
     ] = "0 deg",
     step: Annotated[
         str | None,
         typer.Option("--step", help="Spacing of the points.", show_default="by the robot's size"),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Picture to write (.png, .svg, .pdf).", show_default=False),
+        Path | None, typer.Option("--out", help="Picture to write (.png, .svg, .pdf).")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the picture.")] = False,
     json_output: JsonOption = False,

@@ -136,7 +136,7 @@ DEFAULT_BEST = 10
 
 
 def sweep_command(
-    study: Annotated[Path, typer.Argument(help="Study file (study/1).", show_default=False)],
+    study: Annotated[Path, typer.Argument(help="Study file (study/1).")],
     optimise: Annotated[
         bool,
         typer.Option(
@@ -163,15 +163,11 @@ def sweep_command(
     timeout: TimeoutOption = None,
     cache: CacheOption = None,
     no_cache: NoCacheOption = False,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", help="All rows as a CSV file.", show_default=False)
-    ] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="All rows as a CSV file.")] = None,
     out: Annotated[
         str | None,
         typer.Option(
-            "--out",
-            help="Folder for study.json, table.csv, pareto.png and sensitivity.png.",
-            show_default=False,
+            "--out", help="Folder for study.json, table.csv, pareto.png and sensitivity.png."
         ),
     ] = None,
     pages: PagesOption = None,

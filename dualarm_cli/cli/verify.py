@@ -183,8 +183,7 @@ def verify_command(
     schedule: Annotated[
         Path,
         typer.Argument(
-            help="Folder of a plan, or a schedule file; with --plan a recorded motion: JointTrajectory or CSV.",
-            show_default=False,
+            help="Folder of a plan, or a schedule file; with --plan a recorded motion: JointTrajectory or CSV."
         ),
     ],
     tasks: Annotated[
@@ -192,7 +191,6 @@ def verify_command(
         typer.Option(
             "--tasks",
             help="Task file of the schedule; its limits, targets and order are then checked.",
-            show_default=False,
         ),
     ] = None,
     clearance: Annotated[
@@ -200,12 +198,10 @@ def verify_command(
         typer.Option(
             "--clearance/--no-clearance",
             help="Prove that the whole motion is collision-free; the default with --tasks.",
-            show_default=False,
         ),
     ] = None,
     plan: Annotated[
-        Path | None,
-        typer.Option("--plan", help="Plan of the recorded motion.", show_default=False),
+        Path | None, typer.Option("--plan", help="Plan of the recorded motion.")
     ] = None,
     interpolation: Annotated[
         ReceiverInterpolation,

@@ -98,12 +98,10 @@ PlanTasksOption = Annotated[
     typer.Option(
         "--tasks",
         help="Task file of the plan; default: its original task file, if it is found unchanged.",
-        show_default=False,
     ),
 ]
 ColumnsOption = Annotated[
-    str,
-    typer.Option("--columns", help="Columns of each joint in schedule.csv."),
+    str, typer.Option("--columns", help="Columns of each joint in schedule.csv.")
 ]
 COLUMNS = "position,velocity,acceleration"
 """All columns."""

@@ -19,7 +19,6 @@ PagesOption = Annotated[
         "--pages",
         metavar="DIR",
         help="Folder for index.html and a page for each plan, in which the cell moves: 1 to 2 MB each.",
-        show_default=False,
     ),
 ]
 

@@ -26,7 +26,6 @@ CasesArgument = Annotated[
     typer.Argument(
         metavar="TASKS...",
         help="Task files, folders of them, or patterns such as 'cells/**/tasks.yaml' (in quotes).",
-        show_default=False,
     ),
 ]
 BaselineOption = Annotated[
@@ -45,12 +44,10 @@ RegressionOption = Annotated[
     ),
 ]
 UpdateOption = Annotated[
-    bool,
-    typer.Option("--update-baseline", help="Replace the baseline by the new results."),
+    bool, typer.Option("--update-baseline", help="Replace the baseline by the new results.")
 ]
 SubsetOption = Annotated[
-    bool,
-    typer.Option("--subset", help="Ignore cases of the baseline that are not given here."),
+    bool, typer.Option("--subset", help="Ignore cases of the baseline that are not given here.")
 ]
 JobsOption = Annotated[
     int | None,
@@ -77,7 +74,6 @@ SchedulerOption = Annotated[
         "--scheduler",
         metavar="ADDRESS",
         help="Plan on a Dask cluster, such as tcp://10.0.0.1:8786.",
-        show_default=False,
     ),
 ]
 CacheOption = Annotated[
@@ -91,12 +87,8 @@ CacheOption = Annotated[
 NoCacheOption = Annotated[
     bool, typer.Option("--no-cache", help="Plan everything, without a cache.")
 ]
-JunitOption = Annotated[
-    Path | None, typer.Option("--junit", help="JUnit XML file to write.", show_default=False)
-]
-MarkdownOption = Annotated[
-    Path | None, typer.Option("--markdown", help="Markdown file to write.", show_default=False)
-]
+JunitOption = Annotated[Path | None, typer.Option("--junit", help="JUnit XML file to write.")]
+MarkdownOption = Annotated[Path | None, typer.Option("--markdown", help="Markdown file to write.")]
 GithubOption = Annotated[
     bool,
     typer.Option(
