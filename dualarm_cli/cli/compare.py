@@ -18,7 +18,7 @@ from dualarm_cli.cli.parts.options import (
 )
 from dualarm_cli.cli.parts.output import (
     JsonOption,
-    QuietOption,
+    ResultOnlyOption,
     print_json,
     print_message,
     stderr_console,
@@ -104,7 +104,7 @@ def solvers_command(
     ] = False,
     force: ForceOption = False,
     json_output: JsonOption = False,
-    quiet: QuietOption = False,
+    quiet: ResultOnlyOption = False,
 ) -> None:
     """Plan the same work by every method: cycle time, gap to the bound, planning time, and the winner.
 
@@ -128,7 +128,10 @@ def solvers_command(
         _write(document, plans, out, plot, quiet)
     if json_output:
         print_json(document)
-    elif not quiet:
+    elif quiet:
+        sentences = (section["sentence"] for section in document["comparisons"])
+        print_lines(stdout_console(), *sentences)
+    else:
         _print(document)
     if code := _exit_code(document):
         raise typer.Exit(code)
@@ -299,7 +302,7 @@ def schedules_command(
     ] = False,
     force: ForceOption = False,
     json_output: JsonOption = False,
-    quiet: QuietOption = False,
+    quiet: ResultOnlyOption = False,
 ) -> None:
     """Compare two schedules stage by stage: which became slower, and by which joint.
 
@@ -329,11 +332,12 @@ def schedules_command(
             print_message(f"written: {out}")
     if json_output:
         print_json(document)
-    elif not quiet:
+    else:
         console = stdout_console()
-        if not document["identical"]:
+        if not document["identical"] and not quiet:
             console.print(schedules_table(document))
-        print_lines(console, document["sentence"], *(f"note: {note}" for note in document["notes"]))
+        notes = [] if quiet else [f"note: {note}" for note in document["notes"]]
+        print_lines(console, document["sentence"], *notes)
 
 
 def _page_of_both(

@@ -64,6 +64,7 @@ StagesOption = Annotated[
         "--details",
         "-v",
         count=True,
+        show_default=False,
         help="Print stages, waits, bound and notes; -vv: every stage of a long plan.",
     ),
 ]

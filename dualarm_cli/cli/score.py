@@ -24,7 +24,7 @@ from dualarm_cli.cli.parts.options import (
 )
 from dualarm_cli.cli.parts.output import (
     JsonOption,
-    QuietOption,
+    ResultOnlyOption,
     print_json,
     print_message,
     stdout_console,
@@ -84,7 +84,7 @@ def score_command(
         bool, typer.Option("--force", help="Overwrite files that are no earlier results.")
     ] = False,
     json_output: JsonOption = False,
-    quiet: QuietOption = False,
+    quiet: ResultOnlyOption = False,
 ) -> None:
     """Plan many cells and compare them with a baseline and their budgets, for CI.
 
@@ -229,7 +229,7 @@ def _tell(
     """Print the result; failures go to stderr if stdout has no table."""
     from dualarm_cli.scoring.document import score_document
     from dualarm_cli.scoring.markdown import github_commands
-    from dualarm_cli.scoring.messages import reason_lines
+    from dualarm_cli.scoring.messages import counted, reason_lines
 
     if github:
         for line in github_commands(verdicts, os.environ.get("GITHUB_WORKSPACE")):
@@ -237,7 +237,9 @@ def _tell(
     if json_output:
         name = None if baseline is None else str(baseline)
         print_json(score_document(verdicts, settings, allowed, name))
-    elif not quiet:
+    elif quiet:
+        print_lines(stdout_console(), counted(verdicts))
+    else:
         _print(verdicts, allowed, baseline is not None)
     if json_output or quiet:
         for verdict in verdicts:

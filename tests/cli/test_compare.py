@@ -99,11 +99,12 @@ def test_results_are_not_overwritten_unasked(planar, tmp_path, capsys):
     assert (tmp_path / "schedule.json").read_text() == "mine"
 
 
-def test_quiet_prints_nothing(planar, tmp_path, capsys):
-    """Not even where the files went."""
+def test_quiet_prints_the_sentence_only(planar, tmp_path, capsys):
+    """No table, and not where the files went."""
     figure = tmp_path / "figure.svg"
     assert run(["compare", "solvers", str(planar), *SOME, "-q", "--plot", str(figure)]) == 0
-    assert capsys.readouterr() == ("", "")
+    out, err = capsys.readouterr()
+    assert (out.count("\n"), out.partition(" with ")[0], err) == (1, "fixed is the fastest", "")
     assert figure.read_bytes().startswith(b"<?xml")
 
 

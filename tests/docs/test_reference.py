@@ -101,12 +101,12 @@ def test_defaults_and_choices_that_help_prints_are_in_the_page(
             option = re.split(r"[ /]", text)[0]
             if option == "--help":
                 continue
-            for choices in re.findall(r"^\S+ <(\w+(?:\|\w+)+)>", text):
+            names = [] if "(solvers.md)" in rows[option] else [r"^\S+ ([a-z0-9]+(?:\|[a-z0-9]+)+) "]
+            for choices in (match for name in names for match in re.findall(name, text)):
                 assert all(f"`{one}`" in rows[option] for one in choices.split("|")), text
                 found += 1
             for default in re.findall(r"\[default: ([^\]]+)\]", text):
-                plain = re.sub(r"; [\d<=x]+$", "", default)
-                assert plain.removeprefix("(").removesuffix(")") in rows[option], text
+                assert default in rows[option], text
                 found += 1
     assert found > 35
 
