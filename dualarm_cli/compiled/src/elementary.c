@@ -3,24 +3,24 @@
 /* The floating-point status flags are restored because numpy warns about flags that are set. */
 #include <math.h>
 #include <stdint.h>
-#include <xmmintrin.h>
+#include "status_flags.h"
 
 #define UNARY_LOOP(function)                                                                                      \
     void dualarm_##function(char **data, const int64_t *count, const int64_t *stride, void *unused) {             \
         (void)unused;                                                                                             \
-        unsigned flags = _mm_getcsr();                                                                            \
+        uint64_t flags = status_flags();                                                                          \
         for (int64_t i = 0; i < *count; i++)                                                                      \
             *(double *)(data[1] + i * stride[1]) = function(*(const double *)(data[0] + i * stride[0]));          \
-        _mm_setcsr(flags);                                                                                        \
+        restore_status_flags(flags);                                                                              \
     }
 #define BINARY_LOOP(function)                                                                                     \
     void dualarm_##function(char **data, const int64_t *count, const int64_t *stride, void *unused) {             \
         (void)unused;                                                                                             \
-        unsigned flags = _mm_getcsr();                                                                            \
+        uint64_t flags = status_flags();                                                                          \
         for (int64_t i = 0; i < *count; i++)                                                                      \
             *(double *)(data[2] + i * stride[2]) =                                                                \
                 function(*(const double *)(data[0] + i * stride[0]), *(const double *)(data[1] + i * stride[1])); \
-        _mm_setcsr(flags);                                                                                        \
+        restore_status_flags(flags);                                                                              \
     }
 
 UNARY_LOOP(sin)

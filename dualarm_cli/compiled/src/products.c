@@ -1,7 +1,7 @@
 /* Products of stacks of matrices, summed in the order of the index on every processor. */
 
 #include <stdint.h>
-#include <xmmintrin.h>
+#include "status_flags.h"
 
 enum { BLOCK = 8, PACKED = 4096 };
 
@@ -57,7 +57,7 @@ void dualarm_products(char **data, const int64_t *size, const int64_t *stride, v
     Matrices product = matrices(data[2], stride[2], stride + 7);
     double packed[PACKED];
     int repack = 1;
-    unsigned flags = _mm_getcsr();
+    uint64_t flags = status_flags();
     for (int64_t s = 0; s < count; s++, a.data += a.stack, b.data += b.stack, product.data += product.stack) {
         if (b.column == 1) {
             multiply(n, k, m, a, b.data, b.row, product);
@@ -72,5 +72,5 @@ void dualarm_products(char **data, const int64_t *size, const int64_t *stride, v
             multiply_strided(n, k, m, a, b, product);
         }
     }
-    _mm_setcsr(flags);
+    restore_status_flags(flags);
 }

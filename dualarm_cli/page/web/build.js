@@ -14,6 +14,7 @@ await build({
   target: "es2022",
   charset: "ascii",
   legalComments: "eof",
+  footer: { js: "/* uPlot: Copyright (c) 2022 Leon Sorokin, MIT licence; see THIRD_PARTY_NOTICES.md of dualarm */" },
   logLevel: "warning",
 });
 for (const name of ["page.js", "page.css"]) {
