@@ -299,6 +299,7 @@ def test_modules_that_docs_name_are_there():
     """A page that names `planning/planner.py`, `orders/rules` or `notes.py` names what is there."""
     root = PACKAGE.parent
     rooms = [path.name for folder in (PACKAGE, root) for path in folder.iterdir() if path.is_dir()]
+    rooms.remove(".github")  # pages name workflows of the reader's repository
     pattern = rf"`((?:{'|'.join(map(re.escape, rooms))})/[\w./-]*[a-z_/]|\w+\.py)`"
     named = {
         (page.name, path)
