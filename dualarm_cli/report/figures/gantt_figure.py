@@ -280,15 +280,15 @@ def place_text(value: float, slides: bool) -> str:
 
 
 KINDS = {
-    "transfer": ("transfer", "#4c78a8"),
-    "approach": ("approach", "#4fa39d"),
-    "retract": ("retract", "#a9d6d2"),
-    "pick": ("dwell: pick", "#f2c14e"),
-    "place": ("dwell: place", "#d9730d"),
+    "transfer": ("transfer", "#6f7e93"),
+    "approach": ("approach", "#9aa7b7"),
+    "retract": ("retract", "#c3ccd6"),
+    "pick": ("dwell: pick", "#07c679"),
+    "place": ("dwell: place", "#592b65"),
     "dwell": ("dwell", "#e8a87c"),
-    "path": ("path", "#9d6fb0"),
-    "seam": ("seam", "#d45087"),
-    "return": ("return", "#8a97a8"),
+    "path": ("path", "#e8cf11"),
+    "seam": ("seam", "#97491c"),
+    "return": ("return", "#e4e8ec"),
 }
 """Names of bars in the legend, and their colours; a dwell's by its action."""
 PICKS: Mapping[str, str] = {"pick": "pick", "take": "pick", "place": "place", "give": "place"}

@@ -101,8 +101,8 @@ export class Machine {
       const before = plan.solids.find((link) => link.body === body.parent && link.role === "link" && link.arm && link.kind === "capsule");
       const wide = 2 * Math.max(radius, before?.size[0] ?? 0);
       ring(0.98 * radius, wide, colour, 0.12 * radius);
-      ring(0.8 * radius, wide + 0.012, `${solid.arm}-arm`, 0.004);
-      ring(0.46 * radius, wide + 0.016, colour, 0.003);
+      ring(0.8 * radius, wide + 0.018, `${solid.arm}-arm`, 0.004);
+      ring(0.46 * radius, wide + 0.026, colour, 0.003);
     }
   }
 
