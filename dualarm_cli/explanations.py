@@ -116,7 +116,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "A `schedule.json` or a baseline of scores was edited, cut off, or written by another program, and a member is missing or has another form.",
         ),
         (
-            "Plan again, or write the baseline anew with `dualarm score --update-baseline --force`.",
+            "Plan again, or replace the baseline with `dualarm score --update-baseline --force`.",
             "For schedules of other programs: the reference describes every member.",
         ),
         "schedule.json: E110 trajectory.time: must be numbers, in rows of equal length",

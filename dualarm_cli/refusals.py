@@ -201,7 +201,7 @@ _POSTURES = {
     "at_platform_place": "at best, with the platform at {millimetres:.1f} mm",
     "platform_stands": "with the platform where it is",
     "from_base": "from its base",
-    "every_posture_touches": "{where} every posture lacks clearance: at best {one} and {other} lack "
+    "every_posture_touches": "{where} every posture lacks clearance: at best {body_a} and {body_b} lack "
     "{measured:mm} of clearance{platform:*}",
     "with_platform": ", with the platform at {degrees:.0f} deg",
     "with_platform_place": ", with the platform at {millimetres:.0f} mm",
@@ -233,7 +233,7 @@ _POSTURES = {
     "arms_touch": "its posture and the other arm's lack clearance in every combination tried",
 }
 _CLEARANCE = {
-    "touches": "{one} and {other} lack {measured:mm} of clearance",
+    "touches": "{body_a} and {body_b} lack {measured:mm} of clearance",
     "start_touches": "start: in posture '{posture}' {pairs:*, }{rest}; start in another posture (`start: free` "
     "leaves it open), move the obstacle, or, if shapes are wider than the real bodies, list the pairs in "
     "`allowed_contacts`",
@@ -243,19 +243,19 @@ _CLEARANCE = {
     "{measured:mm} into '{into}', at best",
     "tool_too_near": "task '{task}': {arm} arm cannot {action}: at the target or on its lines {held} and {into} lack "
     "{measured:mm} of clearance, at best",
-    "same_room": "task '{task}': where it has to {action}, '{body}' {how:*} '{part}' of task '{other}', which {verb} "
-    "there ({there}), in either order",
-    "in_the_way": "task '{task}': where it has to {action}, '{body}' {how:*} '{part}' of task '{other}', which {verb} "
-    "there in the given order ({there})",
+    "same_room": "task '{task}': where it has to {action}, '{body}' {how:*} '{part}' of task '{other_task}', which "
+    "{verb} there ({there}), in either order",
+    "in_the_way": "task '{task}': where it has to {action}, '{body}' {how:*} '{part}' of task '{other_task}', which "
+    "{verb} there in the given order ({there})",
     "room_overlap": "reaches {measured:mm} into",
     "room_gap": "is {measured:mm} from, and needs {allowed:mm} ({spare:mm} more than required) to,",
-    "grip_touches": "task '{task}': {where} {one} and {other} lack {measured:mm} of clearance",
+    "grip_touches": "task '{task}': {where} {body_a} and {body_b} lack {measured:mm} of clearance",
     "not_clear": _NOT_CLEAR,
-    "stage_touches": "task '{task}'{partner:*}: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into "
-    "stage {stage}",
+    "stage_touches": "task '{task}'{partner:*}: {body_a} and {body_b} lack {measured:mm} of clearance {when:.2f} s "
+    "into stage {stage}",
     "stage_lacks_skew": "stage {stage}: the arms come too near to each other when one is up to {allowed:g} s late "
     "(`timing: skew`)",
-    "return_touches": "return: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into stage {stage}",
+    "return_touches": "return: {body_a} and {body_b} lack {measured:mm} of clearance {when:.2f} s into stage {stage}",
     "tried": " (tried: {repairs:*, })",
     "other_postures": "other postures",
     "other_angles": "other platform angles",

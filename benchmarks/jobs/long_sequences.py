@@ -125,7 +125,7 @@ def impossible_stages(job: Job, stages: Iterable[int]) -> list[int]:
         nodes = [grid_nodes(problem, a, k, grid) for a in range(len(problem.arms))]
         if _share_angle(problem, k, grid.angles, nodes):
             continue
-        angles, own = exact.nodes(k, problem.settings.own_angles, mesh.most_nodes)
+        angles, own = exact.nodes(k, problem.settings.exact_angles, mesh.most_nodes)
         if not _share_angle(problem, k, angles, own):
             found.append(k)
     return found

@@ -29,7 +29,7 @@ def start_faults(job: Job, holding: Holding) -> list[Refusal]:
         return []
     lacking = holding.cell.lacking(np.array(job.start_joints), holding.before[0])
     pairs = [
-        Refusal("touches", measured=-margin, data={"one": body_a, "other": body_b})
+        Refusal("touches", measured=-margin, data={"body_a": body_a, "body_b": body_b})
         for body_a, body_b, margin in lacking
     ]
     if not pairs:
@@ -79,7 +79,11 @@ def grip_faults(job: Job) -> list[Refusal]:
             continue
         lengths = takes[task.id].approach, give.retract
         for contact in too_near(job.cell, work, task.id, task.part, *lengths):
-            details = {"where": contact.where, "one": contact.bodies[0], "other": contact.bodies[1]}
+            details = {
+                "where": contact.where,
+                "body_a": contact.bodies[0],
+                "body_b": contact.bodies[1],
+            }
             refusals.append(
                 Refusal(
                     "grip_touches", work.place, task.id, task.arm, -contact.margin, data=details
@@ -128,8 +132,8 @@ def why_blocked(clearing: Clearing, plan: TimedPlan | None) -> list[Refusal]:
             last = {arm: stop for stops_before in before for arm, stop in stops_before.items()}
             stops += [stop for arm, stop in last.items() if arm not in active]
         details = {
-            "one": body_a,
-            "other": body_b,
+            "body_a": body_a,
+            "body_b": body_b,
             "when": (stage.end - stage.start) * worst / (len(margins) - 1),
             "stage": k + 1,
             "partner": [

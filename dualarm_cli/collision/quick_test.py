@@ -130,7 +130,7 @@ class QuickTest:
         """
         key = ("own", arm, part, "line" if on_line else "")
         if key not in self._groups:
-            self._groups[key] = self._grouped(self._own_pairs(arm, part, on_line))
+            self._groups[key] = self._grouped(self._arm_pairs(arm, part, on_line))
         return self._groups[key]
 
     def ground(self, arm: str, part: str) -> PairGroup:
@@ -153,7 +153,7 @@ class QuickTest:
             )
         return self._groups[key]
 
-    def _own_pairs(self, arm: str, part: str, on_line: bool) -> list[Pair]:
+    def _arm_pairs(self, arm: str, part: str, on_line: bool) -> list[Pair]:
         return [
             pair
             for pair in self._pairs
@@ -195,7 +195,7 @@ class QuickTest:
             part: name of its load.
             stops: stops of the arm, each with the room of its part.
         """
-        pairs = [p for p in self._own_pairs(arm, part, on_line=False) if p.second in self._room_of]
+        pairs = [p for p in self._arm_pairs(arm, part, on_line=False) if p.second in self._room_of]
         rows = [(pair, -OVERLAP) for pair in pairs if self.carried_in(pair)]
         for room, visit in stops:
             tool_pairs = [p for p in pairs if self.room_of(p) == room and self.is_on_flange(p, arm)]
@@ -241,7 +241,7 @@ class QuickTest:
             position: all joints of the robot [rad], shape (n, columns).
             shift: displacement of the room, in the frame of the root link [m], shape (n, 3).
         """
-        pairs = [p for p in self._own_pairs(arm, part, on_line=False) if self.room_of(p) == room]
+        pairs = [p for p in self._arm_pairs(arm, part, on_line=False) if self.room_of(p) == room]
         frames = self._tree.frames(position, {self._solids[pair.first].joint for pair in pairs})
         margins = np.full((len(pairs), len(position)), np.inf)
         for k, pair in enumerate(pairs):

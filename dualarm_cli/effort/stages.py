@@ -267,9 +267,9 @@ class SequenceSettings:
     """Ratio of nodes with tested lines to selected nodes."""
     every_node: int = 12_000
     """Node limit that is never reached, to test whether a platform angle has nodes."""
-    own_angles: int = 48
+    exact_angles: int = 48
     """Number of exact platform angles of a stage without a common grid angle."""
-    own_pairs: int = 8
+    paired_nodes: int = 8
     """Number of nodes of each arm that are paired at each exact platform angle."""
 
     oversampling: int = 4

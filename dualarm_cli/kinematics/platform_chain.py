@@ -35,7 +35,7 @@ class PlatformChain:
     """Flags of joints that turn; others slide along z."""
     T_world_carried: pin.SE3
     """Carried frame with all joints at zero, or the root link's pose without joints."""
-    held: bool = False
+    fixed: bool = False
     """Flag of a platform that stays at its start position."""
 
     def __post_init__(self) -> None:
@@ -79,7 +79,7 @@ class PlatformChain:
     @property
     def is_chosen(self) -> bool:
         """Flag of a platform of one joint, whose position is chosen stage by stage."""
-        return len(self.joints) == 1 and not self.held
+        return len(self.joints) == 1 and not self.fixed
 
     @property
     def is_turntable(self) -> bool:

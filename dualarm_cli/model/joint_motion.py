@@ -129,7 +129,7 @@ def lean(
     motions = {}
     for name, joints in groups.items():
         group = trajectory.select(joints)
-        reduced = _at_knots(group, own_knots(group, keep.get(name)))
+        reduced = _at_knots(group, jerk_knots(group, keep.get(name)))
         moves = np.hstack([reduced.velocity, reduced.acceleration]).any(axis=1)
         anchor = _few_anchors(np.logical_not(moves))
         stated = anchor, reduced.position[anchor], reduced.velocity[anchor]
@@ -156,7 +156,7 @@ def _at_knots(trajectory: Trajectory, knots: IntArray) -> Trajectory:
     )
 
 
-def own_knots(trajectory: Trajectory, keep: FloatArray | None = None) -> IntArray:
+def jerk_knots(trajectory: Trajectory, keep: FloatArray | None = None) -> IntArray:
     """Select the knots at which a jerk changes, and the first and last one.
 
     Args:
@@ -170,7 +170,7 @@ def own_knots(trajectory: Trajectory, keep: FloatArray | None = None) -> IntArra
     differs = (np.diff(time) != 0.0) | np.diff(trajectory.acceleration, axis=0).any(axis=1)
     if not differs.all():
         distinct = np.append(0, 1 + np.flatnonzero(differs))
-        return distinct[own_knots(_at_knots(trajectory, distinct), keep)]
+        return distinct[jerk_knots(_at_knots(trajectory, distinct), keep)]
     jerk = trajectory.jerk
     largest = np.maximum(1.0, np.abs(jerk).max(axis=0))
     changes = (np.abs(np.diff(jerk, axis=0)) > SAME_JERK * largest).any(axis=1)

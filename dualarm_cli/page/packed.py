@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import JointMotion, own_knots
+from dualarm_cli.model.joint_motion import JointMotion, jerk_knots
 
 
 def packed(values: Any, kind: str) -> str:
@@ -67,6 +67,6 @@ def joint_knots(motion: JointMotion, joint: str) -> FloatArray:
     """
     group = next(group for group in motion.groups.values() if joint in group.joints)
     single = group.select([joint])
-    knots = own_knots(single)
+    knots = jerk_knots(single)
     rates = (single.position, single.velocity, single.acceleration)
     return np.stack([single.time[knots], *(rate[knots, 0] for rate in rates)])

@@ -121,7 +121,7 @@ def _obstructed_tasks(job: Job, error: InfeasibleError) -> list[tuple[str, str]]
     for refusal in error.refusals:
         cause = refusal.data.get("cause")
         bodies = (cause if isinstance(cause, Refusal) else refusal).data
-        owner = owners.get(str(bodies.get("other")), refusal.task)
+        owner = owners.get(str(bodies.get("body_b")), refusal.task)
         # Returns belong to no task, tool changes to none of the job.
         if refusal.task in names and owner != refusal.task and not bodies.get("partner"):
             pairs.append((refusal.task, owner))
@@ -206,7 +206,7 @@ def _refusal(key: str, crowded: Crowded) -> Refusal:
         "action": crowded.stop.action,
         "body": _named(crowded.body),
         "part": _named(room.task.part),
-        "other": room.task.id,
+        "other_task": room.task.id,
         "there": room.stop.place,
         "verb": "waits" if room.stop.action == "pick" else "lies",
         "how": [Refusal(how, measured=abs(apart), allowed=crowded.needed, data={"spare": SLACK})],

@@ -195,8 +195,8 @@ def explain_collision(
         stands = [_with_platform(keep.model, best.angle)] if keep.model.platform.is_chosen else []
         details = {
             "where": PLACE_NAMES[place],
-            "one": body_a,
-            "other": body_b,
+            "body_a": body_a,
+            "body_b": body_b,
             "platform": stands,
         }
         missing = max(0.0, -margin_there)

@@ -449,7 +449,9 @@ def test_a_start_that_collides_names_all_pairs_at_once(packing):
     with pytest.raises(InfeasibleError) as refused:
         plan_without_bound(job, QUICK)
     [refusal] = [one for one in refused.value.refusals if one.key == "start_touches"]
-    named = {frozenset((pair.data["one"], pair.data["other"])) for pair in refusal.data["pairs"]}
+    named = {
+        frozenset((pair.data["body_a"], pair.data["body_b"])) for pair in refusal.data["pairs"]
+    }
     model = pin.buildModelFromXML(robot.urdf)
     solids = cell_solids(job.cell, model, [])
     pairs = pairs_that_must_keep_apart(model, solids, job.cell)

@@ -39,7 +39,7 @@ def test_two_towers_are_not_put_into_one_place(job_of, task):
         clearance="0 mm",
     )
     [found] = refusal(job)
-    assert (found.key, found.task, found.data["other"]) == ("same_room", "two", "one")
+    assert (found.key, found.task, found.data["other_task"]) == ("same_room", "two", "one")
     assert str(found).startswith(f"{job.tasks[1].stops[1].place}: task 'two': ")
     assert "'tower' reaches 60.0 mm into 'tower' of task 'one', which lies there" in str(found)
 
@@ -213,7 +213,7 @@ def test_a_part_in_the_way_of_a_link_turns_two_tasks_round(job_of, task, order, 
         ),
         head=f"order: {order}",
     )
-    bodies = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
+    bodies = {"body_a": "left_link_5", "body_b": f"{job.tasks[0].part} of a"}
     touches = Refusal("every_posture_touches", arm="left", measured=0.01, data=bodies)
     fault = Refusal(
         "no_posture", task="b", arm="left", data={"cause": touches} if cause else bodies
@@ -251,7 +251,11 @@ def test_tasks_that_are_in_each_other_s_way_are_refused_as_they_are(job_of, task
 
     def planned(one):
         asked.append([task.after for task in one.tasks])
-        data = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a", "number": len(asked)}
+        data = {
+            "body_a": "left_link_5",
+            "body_b": f"{job.tasks[0].part} of a",
+            "number": len(asked),
+        }
         raise BlockedError(Refusal("no_posture", task="b", arm="left", data=data), stages=(0,))
 
     with pytest.raises(BlockedError) as caught:
@@ -271,7 +275,7 @@ def test_an_order_of_the_file_is_not_turned_round(job_of, task):
 
     def planned(one):
         asked.append([task.after for task in one.tasks])
-        data = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
+        data = {"body_a": "left_link_5", "body_b": f"{job.tasks[0].part} of a"}
         raise BlockedError(Refusal("no_posture", task="b", arm="left", data=data), stages=(0,))
 
     with pytest.raises(BlockedError):
@@ -282,7 +286,7 @@ def test_an_order_of_the_file_is_not_turned_round(job_of, task):
 def test_a_return_that_a_part_is_in_the_way_of_is_refused_as_it_is(job_of, task):
     """It is of no task that could be done before another one."""
     job = job_of(task("a", (0.45, 0.1, CUBE), (0.45, 0.4, CUBE)), head="order: optimise")
-    data = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
+    data = {"body_a": "left_link_5", "body_b": f"{job.tasks[0].part} of a"}
 
     asked = []
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import JointMotion, anchors, followed, lean, merge, own_knots
+from dualarm_cli.model.joint_motion import JointMotion, anchors, followed, jerk_knots, lean, merge
 from dualarm_cli.model.trajectory import Trajectory
 
 NAMES = ("time", "position", "velocity", "acceleration")
@@ -62,7 +62,7 @@ def test_whatever_a_motion_is_it_follows_from_its_anchors_bit_by_bit(seed: int) 
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_a_lean_motion_is_the_same_with_few_anchors_and_own_knots(seed: int) -> None:
+def test_a_lean_motion_is_the_same_with_few_anchors_and_jerk_knots(seed: int) -> None:
     """Three groups merged and taken apart again: each keeps its own knots, and anchors only where it comes to rest."""
     groups = {"platform": ("p",), "left": ("a", "b"), "right": ("c", "d", "e")}
     parts = [random_group(10 * seed + k, joints) for k, joints in enumerate(groups.values())]
@@ -90,8 +90,8 @@ def test_knots_that_are_named_stay() -> None:
     time = np.array([0.0, 0.25, 0.5, 1.0])
     still, moving = np.zeros((4, 1)), np.ones((4, 1))
     motion = Trajectory(("a",), time, time[:, None], moving, still)
-    assert own_knots(motion).tolist() == [0, 3]
-    assert own_knots(motion, np.array([0.5])).tolist() == [0, 2, 3]
+    assert jerk_knots(motion).tolist() == [0, 3]
+    assert jerk_knots(motion, np.array([0.5])).tolist() == [0, 2, 3]
     kept = lean(motion, {"left": ("a",)}, {"left": np.array([0.25])})
     assert kept.trajectory.time.tolist() == [0.0, 0.25, 1.0]
 

@@ -371,7 +371,7 @@ def test_the_tool_of_the_start_is_there_from_the_start(kit):
         one = dataclasses.replace(one, tool=dataclasses.replace(one.tool, shapes=huge))
         job = in_cell(some(kit, "screw-1", order="given"), tools={**changes.tools, tool: one})
         touching = [
-            pair.data["one"] + pair.data["other"]
+            pair.data["body_a"] + pair.data["body_b"]
             for fault in start_faults(job, Holding.of(job))
             for pair in fault.data["pairs"]
         ]

@@ -321,7 +321,11 @@ def belt_collision(job: Job, plan: ClearedPlan) -> Refusal | None:
             touching = {event.arm: since == 0} if since in (0, 1) else {}
             if worst := _worst(cell, r, samples, is_on_belt, shift, touching):
                 body_a, body_b, lack, row = worst
-                details = {"one": body_a, "other": body_b, "when": float(time[row] - stage.start)}
+                details = {
+                    "body_a": body_a,
+                    "body_b": body_b,
+                    "when": float(time[row] - stage.start),
+                }
                 details |= {"stage": k + 1, "partner": [], "standing": [], "tried": []}
                 return Refusal(
                     "stage_touches", room.stop.place, room.task.id, event.arm, lack, data=details

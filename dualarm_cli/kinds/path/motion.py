@@ -466,6 +466,6 @@ def touching_path(holding: Holding, path: FollowedPath) -> Refused | None:
         return None
     body_a, body_b, missing = holding.cell.nearest(position[k], held_parts[k])
     share = float(path.clock.at(time[k : k + 1])[0][0])
-    data = {"time": time[k], "one": body_a, "other": body_b}
+    data = {"time": time[k], "body_a": body_a, "body_b": body_b}
     reason = Refusal("path_touches", measured=max(0.0, -missing), data=data)
     return Refused(reason, share, "clear")

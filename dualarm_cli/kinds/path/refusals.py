@@ -31,7 +31,7 @@ REFUSALS = KindRefusals(
         "path_left": "{method} leaves the path by {measured_mm:.3f} mm (turns by {turn:g} m/rad), tolerance "
         "{allowed_mm:g} mm",
         "path_not_joined": "its joint positions cannot be joined by a curve within the tolerance",
-        "path_touches": "after {time:.3f} s {one} and {other} lack {measured:mm} of clearance",
+        "path_touches": "after {time:.3f} s {body_a} and {body_b} lack {measured:mm} of clearance",
         "no_closed_forms": "its arms have no closed form",
         "wrist_misses": "the {arm} arm cannot reach: its wrist misses by {mm:.1f} mm at most",
         "joint_limit": "joint {joint} reaches its limit of {bound:g} {unit}",

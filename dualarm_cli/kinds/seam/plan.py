@@ -184,7 +184,9 @@ def nearest_bodies(holding: Holding, position: FloatArray) -> Refusal:
     """Describe the two nearest bodies at a configuration (n,) [rad]."""
     held_parts = holding.cell.loads.nothing(len(holding.cell.arms))
     body_a, body_b, missing = holding.cell.nearest(position, held_parts)
-    return Refusal("touches", measured=max(0.0, -missing), data={"one": body_a, "other": body_b})
+    return Refusal(
+        "touches", measured=max(0.0, -missing), data={"body_a": body_a, "body_b": body_b}
+    )
 
 
 def worst_collision(

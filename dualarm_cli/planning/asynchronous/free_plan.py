@@ -85,7 +85,7 @@ class FreePlanner:
         work = start.copy()
         work[self.problem.model.platform_columns] = angle
         model = replace(
-            self.problem.model, platform=replace(self.problem.model.platform, held=True)
+            self.problem.model, platform=replace(self.problem.model.platform, fixed=True)
         )
         arm_plans = []
         for name in model.arms:

@@ -411,7 +411,7 @@ def _own_nodes(
     spares: Sequence[float],
 ) -> tuple[FloatArray, list[Nodes | None]] | None:
     """Choose shared platform angles (count,) [rad] of a stage and the nodes there."""
-    angles, every = exact.nodes(k, max(problem.settings.own_angles, count), most)
+    angles, every = exact.nodes(k, max(problem.settings.exact_angles, count), most)
     for spare in spares:
         nodes = [
             None if arm_nodes is None else free_nodes(problem, a, k, angles, arm_nodes, spare)
@@ -458,7 +458,7 @@ def _apart(
     left, right = nodes
     assert left is not None  # callers ask for stages in which both work
     assert right is not None
-    max_pairs = problem.settings.own_pairs
+    max_pairs = problem.settings.paired_nodes
     for f in shared.tolist():
         rows = [np.flatnonzero(nodes_of_arm.angle_index == f) for nodes_of_arm in (left, right)]
         chosen = [r[np.linspace(0, len(r) - 1, min(len(r), max_pairs)).astype(int)] for r in rows]
