@@ -61,8 +61,15 @@ PRIVATE = (
     r"is due (right )?after",
     r"say order",
     r"no way (was found|to where)",
+    r"in a ring",
+    r"(decided|planned) anew",
+    r"ways? of the tools?",
+    r"worth while",
+    r"drawn out for the platform",
+    r"can be had together",
 )
-"""collision-free; without collision checking; repair; data model; compared with; asynchronous; detour; message."""
+"""collision-free; without collision checking; repair; data model; compared with; asynchronous; detour; message;
+a cycle; re-planned; paths; worthwhile; slowed down; trade-offs."""
 
 
 PATTERN = re.compile(rf"\b(?:{'|'.join(PRIVATE)})\b", re.IGNORECASE)
