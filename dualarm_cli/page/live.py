@@ -22,7 +22,10 @@ _RELOAD = """<script>
   const later = Number(sessionStorage.getItem(key));
   const begin = () => {
     if (!window.dualarm || !window.dualarm.ready) return setTimeout(begin, 100);
-    if (later > 0) window.dualarm.setTime(later);
+    if (later > 0) {
+      window.dualarm.pause();
+      window.dualarm.setTime(later);
+    }
   };
   if (document.getElementById("data")) begin();
   setInterval(async () => {

@@ -21,6 +21,7 @@ import pytest
 import dualarm_cli
 from dualarm_cli.files.source.bundled import bundled_tasks
 from dualarm_cli.page.page import page_html
+from dualarm_cli.page.side_by_side import side_by_side
 
 WEB = Path(dualarm_cli.__file__).parent / "page" / "web"
 CHROMIUM = next(
@@ -165,6 +166,28 @@ def test_names_with_markup_are_shown_as_text(
     assert seen["evil"] is None
     assert seen["elements"] == 0
     assert seen["text"].count(EVIL) >= 3
+
+
+def test_two_plans_share_one_time_axis(
+    built: Path, planned: Callable[[str], Planned], tmp_path: Path
+) -> None:
+    """Bars for all segments; the shorter plan ends where its share of the longer one is; a click sets both cursors."""
+    names = ("05_two_robots", "13_hand_over")
+    plans = [planned(name) for name in names]
+    page = tmp_path / "both.html"
+    page.write_bytes(side_by_side("both", "", [], [data_of(plan.page) for plan in plans], (0, 1)))
+    script = Path(__file__).parent / "both_in_browser.mjs"
+    command = ["node", script, built, CHROMIUM, page]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout)
+    assert seen["errors"] == []
+    durations = [plan.schedule["duration"] for plan in plans]
+    assert seen["bars"] == sum(len(plan.schedule["segments"]) for plan in plans)
+    (long, short), start = seen["ends"], seen["start"]
+    assert (short - start) / (long - start) == pytest.approx(durations[1] / durations[0], abs=1e-6)
+    clicked = durations[0] / 2.0
+    assert seen["times"] == pytest.approx([clicked, min(clicked, durations[1])], abs=0.05)
 
 
 def test_the_page_is_quick_without_a_graphics_card(

@@ -39,7 +39,7 @@ function start(root) {
   const stage = element("div", { class: "stage" });
   const nearest = element("div", { class: "nearest" }, ...plan.clearances.map((clearance) => element("div", { class: clearanceColour(clearance) })));
   const viewBar = element("div", { class: "view-bar" });
-  const drawn = element("small", { class: "drawn" }, "Robot, grippers, trays and stands are drawings. Collisions are checked with the shapes under ‘checked’.");
+  const drawn = element("small", { class: "drawn" }, "Robot, grippers, trays and stands are drawings; ‘checked’ shows the shapes that collisions are checked with.");
   const viewer = element("section", { class: "viewer", "aria-label": "3-D view" }, stage, transport.status, nearest, drawn, viewBar);
 
   const theme = themes(() => {
