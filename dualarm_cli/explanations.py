@@ -184,10 +184,11 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         (
             "The URDF is not one tree, has impossible limits, inertias or shapes, or a mesh is missing.",
             "An arm is not of the `kind` that the robot file calls it: its axes do not meet as closed forms need.",
-            "The file is a xacro file.",
+            "The file is a xacro file that another command than `robot import` or `init` reads, or that lacks a package or an argument.",
         ),
         (
             "Let `dualarm robot import` write the robot's folder: it expands xacro, finds meshes and makes rounded angles exact.",
+            "Name missing packages with `--package-dir FOLDER`, and arguments of xacro files with `--xacro-arg NAME:=VALUE`.",
             "Write rounded angles in full: 1.5707963267948966 for 1.5708.",
             "Write `kind: general` for the arm: it is then planned with numeric inverse kinematics.",
         ),

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from dualarm_cli.cli.parts.completion import complete_robot
+from dualarm_cli.cli.parts.options import PackageDirOption, XacroArgOption
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message
 
 
@@ -23,18 +24,17 @@ def init_command(
             autocompletion=complete_robot,
         ),
     ] = None,
-    package_dir: Annotated[
-        list[Path] | None,
-        typer.Option("--package-dir", help="Folder of a ROS package, or of several; for a URDF."),
-    ] = None,
+    package_dir: PackageDirOption = None,
+    xacro_arg: XacroArgOption = None,
     json_output: JsonOption = False,
 ) -> None:
     """Write a first project: cell, six picks that the robot reaches, a layout study and a CI workflow."""
+    from dualarm_cli.robot_import.expanded_text import parse_arguments
     from dualarm_cli.starting.project import refuse_used_folder, start_project
     from dualarm_cli.starting.robot_source import robot_source
 
     refuse_used_folder(folder)
-    source = robot_source(robot, tuple(package_dir or ()))
+    source = robot_source(robot, tuple(package_dir or ()), parse_arguments(xacro_arg or ()))
     files = start_project(folder, source)
     if json_output:
         print_json(

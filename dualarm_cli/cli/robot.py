@@ -13,7 +13,7 @@ import typer
 
 from dualarm_cli.cli.parts.completion import complete_robot
 from dualarm_cli.cli.parts.help import HelpCommand, HelpGroup
-from dualarm_cli.cli.parts.options import SeedOption
+from dualarm_cli.cli.parts.options import PackageDirOption, SeedOption, XacroArgOption
 from dualarm_cli.cli.parts.output import (
     STDOUT,
     DetailsOption,
@@ -171,12 +171,8 @@ def import_command(
     platform: Annotated[
         list[str] | None, typer.Option("--platform", help="A joint that carries both arms.")
     ] = None,
-    package_dir: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--package-dir", help="Folder of a ROS package, or of several.", show_default=False
-        ),
-    ] = None,
+    package_dir: PackageDirOption = None,
+    xacro_arg: XacroArgOption = None,
     divided: Annotated[
         list[str] | None,
         typer.Option(
@@ -190,6 +186,7 @@ def import_command(
 ) -> None:
     """Write a robot file from a URDF: arms, platform, limits, contacts and a start posture, each with its reason."""
     from dualarm_cli.cli.parts.result_files import refuse_folder, write_folder
+    from dualarm_cli.robot_import.expanded_text import parse_arguments
     from dualarm_cli.robot_import.importing import Imported, ImportRequest, import_robot
     from dualarm_cli.robot_import.importing_pair import ImportedPair, import_pair
     from dualarm_cli.robot_import.structure import OpenChoiceError
@@ -199,7 +196,10 @@ def import_command(
     imported: Imported | ImportedPair
     if urdf is not None and left is None and right is None:
         carriers = tuple(platform) if platform is not None else None
-        request = ImportRequest(urdf, srdf, joint_limits, tips, carriers, packages, seed, parts)
+        arguments = parse_arguments(xacro_arg or ())
+        request = ImportRequest(
+            urdf, srdf, joint_limits, tips, carriers, packages, seed, parts, arguments
+        )
         try:
             imported = import_robot(request)
         except OpenChoiceError as choice:
@@ -213,8 +213,11 @@ def import_command(
             if value is not None:
                 raise UsageError(f"{option}: is of one robot; import that robot by itself")
         left_request, right_request = (
-            ImportRequest(file, None, joint_limits, tips, None, packages, seed)
-            for file in (left, right)
+            ImportRequest(
+                *(file, None, joint_limits, tips, None, packages, seed),
+                arguments=parse_arguments(xacro_arg or (), side),
+            )
+            for side, file in (("left", left), ("right", right))
         )
         imported, main = import_pair(left_request, right_request), "cell.yaml"
     else:

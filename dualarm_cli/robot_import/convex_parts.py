@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.errors import MissingDependencyError, UsageError, did_you_mean
 from dualarm_cli.files.robots.meshes import convex_hull, mesh_scale
-from dualarm_cli.files.robots.packages import MeshFinder
+from dualarm_cli.files.robots.packages import PackageFinder
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.products import norm, product
@@ -22,7 +22,7 @@ FACE_SHARE = 0.05
 
 
 def convex_parts(
-    urdf: Urdf, finder: MeshFinder, units: Mapping[str, float], links: Collection[str]
+    urdf: Urdf, finder: PackageFinder, units: Mapping[str, float], links: Collection[str]
 ) -> dict[str, list[list[Hull]]]:
     """Decompose the collision meshes of given links, in URDF order and mesh frames.
 
@@ -47,7 +47,7 @@ def convex_parts(
             raise UsageError(f"--convex-parts: link '{name}' has no collision mesh")
         parts[name] = []
         for mesh in meshes:
-            path = finder.find(mesh.get("filename"))
+            path = finder.mesh(mesh.get("filename"))
             scale = mesh_scale(mesh) * units.get(mesh.get("filename"), 1.0)
             parts[name].append(divided(*_triangles(path, scale)))
     return parts

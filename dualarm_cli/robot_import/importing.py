@@ -19,7 +19,7 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.robots.frozen_joints import nearest_to_zero
 from dualarm_cli.files.robots.mesh_formats import stl_bytes
 from dualarm_cli.files.robots.meshes import link_meshes
-from dualarm_cli.files.robots.packages import MeshFinder
+from dualarm_cli.files.robots.packages import PackageFinder
 from dualarm_cli.files.robots.robots import LoadedRobot, load_robot
 from dualarm_cli.files.robots.schema_robot import JERK_RULE
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements, moving_joints, read_urdf
@@ -30,9 +30,15 @@ from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.model.shape import Hull, Shape, VisualMesh
 from dualarm_cli.records import dataclass
+from dualarm_cli.robot_import.confined import XacroInput
 from dualarm_cli.robot_import.contacts import Contact, contact_reasons, find_contacts
 from dualarm_cli.robot_import.convex_parts import convex_parts
-from dualarm_cli.robot_import.expanded_text import program_notes, read_expanded
+from dualarm_cli.robot_import.expanded_text import (
+    check_arguments,
+    program_notes,
+    read_expanded,
+    variant_notes,
+)
 from dualarm_cli.robot_import.group_states import find_postures
 from dualarm_cli.robot_import.joint_limits import (
     ASSUMED,
@@ -65,6 +71,8 @@ class ImportRequest:
     """Seed of the sampled postures."""
     divided: tuple[str, ...] = ()
     """Links whose meshes are divided into convex parts."""
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    """Values of xacro arguments by name."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +100,11 @@ def import_robot(request: ImportRequest) -> Imported:
         InputError: a file cannot be used.
         UsageError: the tree is ambiguous; the message names the option.
     """
-    urdf = read_urdf(read_expanded(request.urdf))
-    srdf = read_srdf(request.srdf, urdf) if request.srdf is not None else Srdf()
+    given = XacroInput(request.arguments, request.packages)
+    sources = [read_expanded(path, given) for path in (request.urdf, request.srdf) if path]
+    check_arguments(request.arguments, *sources)
+    urdf = read_urdf(sources[0])
+    srdf = read_srdf(sources[1], urdf) if request.srdf is not None else Srdf()
     limits = JointLimitsFile()
     if request.joint_limits is not None:
         limits = read_joint_limits(request.joint_limits, urdf)
@@ -101,7 +112,7 @@ def import_robot(request: ImportRequest) -> Imported:
     urdf, assumed = with_limits(urdf, structure.joints, limits.joints)
     moving_joints(urdf, structure.joints)  # reports errors at lines of the user's file
     file = request.urdf.absolute()
-    finder = MeshFinder(Project.of(file), file, request.packages, beyond=True)
+    finder = PackageFinder(Project.of(file), file, request.packages, beyond=True)
     meshes = link_meshes(urdf, finder)
     parts = convex_parts(urdf, finder, meshes.units, request.divided)
     description = described(urdf, meshes.shapes, parts, visual_meshes(urdf, finder))
@@ -126,6 +137,7 @@ def import_robot(request: ImportRequest) -> Imported:
     loaded = _loaded(urdf, files, content)
     reasons = [
         *program_notes(urdf.source),
+        *(variant_notes(urdf.source) if len(structure.arms) == 1 and not request.tips else ()),
         *srdf.notes,
         *structure.reasons,
         *description.reasons,

@@ -9,10 +9,10 @@ from pathlib import Path
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.robots.urdf import Urdf
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
-from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.files.source.text_source import TextSource, quote
 from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
-from dualarm_cli.robot_import.expanded_text import program_notes, read_expanded
+from dualarm_cli.robot_import.expanded_text import program_notes
 from dualarm_cli.robot_import.structure import (
     GRIPPER,
     NO_ARM,
@@ -40,18 +40,16 @@ class Srdf:
     """Notes on the reading."""
 
 
-def read_srdf(path: Path, urdf: Urdf) -> Srdf:
+def read_srdf(source: TextSource, urdf: Urdf) -> Srdf:
     """Read an SRDF.
 
     Args:
-        path: the file.
+        source: its text.
         urdf: of the same robot.
 
     Raises:
         InputError: not XML, not an SRDF, or a link or joint that the URDF does not have.
-        MissingDependencyError: it is a xacro file, and xacro is not installed.
     """
-    source = read_expanded(path)
     root = parse_xml(source)
     findings = UrdfFindings(source)
     if root.tag != "robot":

@@ -32,31 +32,36 @@ class RobotSource:
     """Decisions of the robot import."""
 
 
-def robot_source(robot: str | None, packages: Sequence[Path] = ()) -> RobotSource:
+def robot_source(
+    robot: str | None, packages: Sequence[Path] = (), arguments: Mapping[str, str] | None = None
+) -> RobotSource:
     """Find the robot of a new project.
 
     Args:
         robot: a bundled robot's name, a folder, a robot file or a URDF; None for the default robot.
         packages: folders of ROS packages, for a URDF.
+        arguments: values of xacro arguments by name, for a xacro file.
 
     Raises:
         InputError: its files are wrong.
         UsageError: there is no such robot, or its files are not all in one folder.
     """
     bundled = bundled_robots()
-    if robot is None or robot in bundled:
-        name = robot or "sda10f"
+    name = robot or "sda10f"
+    path = Path(name)
+    if name not in bundled and path.is_file() and path.suffix not in (".yaml", ".yml"):
+        return _imported(ImportRequest(path, packages=tuple(packages), arguments=arguments or {}))
+    if (packages or arguments) and (name in bundled or path.exists()):
+        raise UsageError("--package-dir and --xacro-arg: only a URDF or xacro file takes them")
+    if name in bundled:
         return RobotSource(name, {}, name)
-    path = Path(robot)
     if path.is_dir():
         if (path / CELL_FILE).is_file():
             return _pair(path)
         return _robot_file(path / ROBOT_FILE)
     if path.suffix in (".yaml", ".yml") and path.is_file():
         return _pair(path.parent) if path.name == CELL_FILE else _robot_file(path)
-    if path.is_file():
-        return _imported(path, packages)
-    hint = did_you_mean(robot, bundled)
+    hint = did_you_mean(name, bundled)
     raise UsageError(
         f"--robot {robot}: there is no such file or folder, and no bundled robot of that name{hint or ';'} bundled: "
         f"{', '.join(bundled)}"
@@ -109,10 +114,10 @@ def _copied(path: Path, read: Mapping[str, str]) -> dict[str, bytes]:
     return files
 
 
-def _imported(urdf: Path, packages: Sequence[Path]) -> RobotSource:
+def _imported(request: ImportRequest) -> RobotSource:
     """Import a robot from a URDF."""
-    imported = import_robot(ImportRequest(urdf, packages=tuple(packages)))
+    imported = import_robot(request)
     files = {f"{imported.folder}/{name}": content for name, content in imported.files.items()}
     return RobotSource(
-        json.dumps(f"{imported.folder}/{ROBOT_FILE}"), files, str(urdf), imported.reasons
+        json.dumps(f"{imported.folder}/{ROBOT_FILE}"), files, str(request.urdf), imported.reasons
     )

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.solids import link_solids
-from dualarm_cli.files.robots.packages import MeshFinder
+from dualarm_cli.files.robots.packages import PackageFinder
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.files.source.projects import BadReferenceError, Project
 
@@ -79,13 +79,40 @@ def test_a_package_that_the_user_names_comes_first(tmp_path: Path) -> None:
     (tmp_path / "one/arm/link.stl").symlink_to(tmp_path / "secret.stl")
     urdf = tmp_path / "one/robot.urdf"
     for folder in (tmp_path / "two", tmp_path / "two/arm"):
-        finder = MeshFinder(Project(tmp_path), urdf, (folder,))
-        assert finder.find("package://arm/a.stl") == tmp_path / "two/arm/a.stl"
-    finder = MeshFinder(Project(tmp_path), urdf)
-    assert finder.find("package://arm/a.stl") == tmp_path / "one/arm/a.stl"
+        finder = PackageFinder(Project(tmp_path), urdf, (folder,))
+        assert finder.mesh("package://arm/a.stl") == tmp_path / "two/arm/a.stl"
+    finder = PackageFinder(Project(tmp_path), urdf)
+    assert finder.mesh("package://arm/a.stl") == tmp_path / "one/arm/a.stl"
     for reference in ("package://arm/../../secret.stl", "package://arm/link.stl", "package://arm"):
         with pytest.raises(BadReferenceError):
-            finder.find(reference)
+            finder.mesh(reference)
+
+
+def test_an_import_finds_packages_by_the_name_in_package_xml(tmp_path: Path) -> None:
+    """In a repository of another name beside the URDF, and three levels down in the workspace that the user names."""
+    for repository, name in (("beside/Arm_Repository", "arm"), ("src/a/b/hand_repository", "hand")):
+        (tmp_path / repository / "meshes").mkdir(parents=True)
+        (tmp_path / repository / "package.xml").write_text(
+            f"<package><name>{name}</name></package>"
+        )
+        (tmp_path / repository / "meshes/a.stl").write_bytes(b"")
+    urdf = tmp_path / "beside/urdf/robot.urdf"
+    finder = PackageFinder(Project(urdf.parent), urdf, beyond=True)
+    arm = tmp_path / "beside/Arm_Repository/meshes/a.stl"
+    assert finder.mesh("package://arm/meshes/a.stl") == arm
+    with pytest.raises(
+        BadReferenceError, match=f"'meshes/b.stl' in package 'arm', which is {arm.parents[1]}$"
+    ):
+        finder.mesh("package://arm/meshes/b.stl")
+    with pytest.raises(BadReferenceError, match="package 'hand' is not in the folder of the URDF"):
+        finder.mesh("package://hand/meshes/a.stl")
+    named = PackageFinder(Project(urdf.parent), urdf, (tmp_path / "src",), beyond=True)
+    hand = tmp_path / "src/a/b/hand_repository/meshes/a.stl"
+    assert named.mesh("package://hand/meshes/a.stl") == hand
+    for reference in (f"file://{arm}", str(arm)):
+        assert finder.mesh(reference) == arm
+        with pytest.raises(BadReferenceError):
+            PackageFinder(Project(tmp_path), urdf).mesh(reference)
 
 
 def test_links_are_followed_in_packages_that_the_user_names(
@@ -98,12 +125,12 @@ def test_links_are_followed_in_packages_that_the_user_names(
     (tmp_path / "install/arm/a.stl").symlink_to(tmp_path / "source/a.stl")
     urdf = tmp_path / "install/robot.urdf"
     with pytest.raises(BadReferenceError, match="by a symbolic link; name the package's folder"):
-        MeshFinder(Project(tmp_path), urdf).find("package://arm/a.stl")
+        PackageFinder(Project(tmp_path), urdf).mesh("package://arm/a.stl")
     expected = tmp_path / "install/arm/a.stl"
-    named = MeshFinder(Project(tmp_path), urdf, (tmp_path / "install",))
-    assert named.find("package://arm/a.stl") == expected
+    named = PackageFinder(Project(tmp_path), urdf, (tmp_path / "install",))
+    assert named.mesh("package://arm/a.stl") == expected
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "install"))
-    assert MeshFinder(Project(tmp_path), urdf).find("package://arm/a.stl") == expected
+    assert PackageFinder(Project(tmp_path), urdf).mesh("package://arm/a.stl") == expected
 
 
 def test_a_mesh_that_is_only_looked_at_may_be_missing(project: Path, change: Change) -> None:

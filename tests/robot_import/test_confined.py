@@ -9,14 +9,14 @@ import pytest
 
 from dualarm_cli.cli.run import run
 from dualarm_cli.errors import InputError
-from dualarm_cli.robot_import import expanded_text
-from dualarm_cli.robot_import.expanded_text import (
+from dualarm_cli.robot_import import confined, expanded_text
+from dualarm_cli.robot_import.confined import (
     ConfinedError,
+    XacroRequest,
     expanded,
     landlock_version,
-    program_notes,
-    read_expanded,
 )
+from dualarm_cli.robot_import.expanded_text import program_notes, read_expanded
 
 ROOT = '<robot name="odd" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 LANDLOCK = pytest.mark.skipif(landlock_version() < 1, reason="this kernel has no Landlock")
@@ -60,7 +60,7 @@ def told(tmp_path: Path, attempts: dict[str, str]) -> dict[str, str]:
     path.parent.mkdir()
     path.write_text(program("\n".join(lines)))
     with pytest.raises(ConfinedError) as refused:
-        expanded(path, [path.parent])
+        expanded(XacroRequest(path, path.parent))
     return dict(
         part.split(" ", 1) for part in str(refused.value).split("TOLD:")[1].split(":")[0].split(",")
     )
@@ -103,8 +103,10 @@ def test_a_xacro_file_reads_its_folder_and_writes_nothing(
 ) -> None:
     """Beside it, above it and elsewhere; without Landlock it reads what the user can, and changes as little."""
     if not landlock:
-        off = "import dualarm_cli.robot_import.expanded_text as c; c.landlock_version = lambda: -1; main("
-        monkeypatch.setattr(expanded_text, "_START", expanded_text._START.replace("main(", off))
+        off = (
+            "import dualarm_cli.robot_import.confined as c; c.landlock_version = lambda: -1; main("
+        )
+        monkeypatch.setattr(confined, "_START", confined._START.replace("main(", off))
     secret = tmp_path / "secret"
     secret.write_text("mine")
     home = tmp_path / "home"
@@ -154,10 +156,8 @@ def test_no_function_of_the_library_changes_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Called by name, in a folder that is not there: it is refused, not sought; without Landlock."""
-    off = (
-        "import dualarm_cli.robot_import.expanded_text as c; c.landlock_version = lambda: -1; main("
-    )
-    monkeypatch.setattr(expanded_text, "_START", expanded_text._START.replace("main(", off))
+    off = "import dualarm_cli.robot_import.confined as c; c.landlock_version = lambda: -1; main("
+    monkeypatch.setattr(confined, "_START", confined._START.replace("main(", off))
     path, rest = "b'none/a'", ("0", "0", "0", "0")
     attempts = {name: library_call(name, path, *rest) for name in PATH.split()}
     attempts |= {name: library_call(name, "-100", path, *rest) for name in AT.split()}
@@ -198,7 +198,7 @@ def test_what_a_package_includes_is_read_and_what_is_outside_is_named(tmp_path: 
     )
     file.write_text(f'{ROOT}<xacro:include filename="../../outside.xacro"/></robot>')
     with pytest.raises(
-        InputError, match=f"Permission denied.*it may read {package} and the packages"
+        InputError, match=f"Permission denied.*it may read {package} and ROS packages"
     ):
         read_expanded(file)
 
@@ -220,10 +220,10 @@ def test_a_program_that_ends_its_process_or_does_not_end_is_no_crash(
         InputError, match="E400 xacro cannot expand it: its process ended with 7; limits"
     ):
         read_expanded(file)
-    monkeypatch.setattr(expanded_text, "SECONDS", 0.5)
+    monkeypatch.setattr(confined, "SECONDS", 0.5)
     file.write_text(program("while True: pass"))
     with pytest.raises(InputError, match=r"it takes longer than 2\.0 s"):
-        expanded_text.read_expanded(file)
+        read_expanded(file)
 
 
 def test_the_command_says_that_the_file_is_a_program(

@@ -42,6 +42,16 @@ EffortOption = Annotated[
     Effort, typer.Option("--effort", help="Search effort: more planning time for a faster plan.")
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**32 - 1, help="Random seed.")]
+PackageDirOption = Annotated[
+    list[Path] | None,
+    typer.Option("--package-dir", help="Folder of a ROS package, or of several."),
+]
+XacroArgOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--xacro-arg", metavar="NAME:=VALUE", help="Value of an argument of the xacro file."
+    ),
+]
 
 SOLVERS = {
     "method": "sequence, minimum_time, fixed, exact, linearised",

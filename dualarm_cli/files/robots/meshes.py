@@ -24,7 +24,7 @@ from dualarm_cli.files.robots.mesh_formats import (
     stl_corners,
 )
 from dualarm_cli.files.robots.notes import robot_note
-from dualarm_cli.files.robots.packages import MeshFinder
+from dualarm_cli.files.robots.packages import PackageFinder
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.projects import BadReferenceError
@@ -195,7 +195,7 @@ class LinkMeshes:
         return [robot_note("units", files=files)] if files else []
 
 
-def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
+def link_meshes(urdf: Urdf, finder: PackageFinder) -> LinkMeshes:
     """Read the collision meshes of a URDF.
 
     Visual meshes are not read here: they may be missing.
@@ -210,6 +210,7 @@ def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
     findings = UrdfFindings(urdf.source)
     shapes: dict[str, tuple[Shape, ...]] = {}
     units: dict[str, float] = {}
+    unread: dict[str, list[Element]] = {}
     for name, link in urdf.links.items():
         for solid in link.all("collision"):
             mesh = next(mesh_elements(solid), None)
@@ -217,13 +218,16 @@ def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
                 continue
             reference = mesh.get("filename")
             try:
-                hull, unit = link_hull(finder.find(reference), reference, mesh_scale(mesh))
+                hull, unit = link_hull(finder.mesh(reference), reference, mesh_scale(mesh))
             except BadReferenceError as error:
-                findings.add(mesh, f"mesh: {error}")
+                unread.setdefault(str(error), []).append(mesh)
                 continue
             shapes[name] = (*shapes.get(name, ()), Shape("mesh", (), element_pose(solid), hull))
             if unit != 1.0:
                 units[reference] = unit
+    for message, (first, *others) in unread.items():
+        count = f" ({len(others) + 1} meshes)" if others else ""
+        findings.add(first, f"mesh: {message}{count}")
     findings.raise_if_any()
     return LinkMeshes(shapes, units)
 

@@ -18,7 +18,7 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.robots.frozen_joints import frozen_notes, frozen_positions
 from dualarm_cli.files.robots.meshes import LinkMeshes, link_meshes
 from dualarm_cli.files.robots.notes import robot_note
-from dualarm_cli.files.robots.packages import MeshFinder
+from dualarm_cli.files.robots.packages import PackageFinder
 from dualarm_cli.files.robots.robot_joints import (
     check_chains,
     check_names,
@@ -254,7 +254,7 @@ def _load_urdf(
         source = place.project.read(path, display_name(model.urdf, place.name))
         urdf = read_urdf(source)
         folder = Project(Path(os.path.realpath(place.path.parent)))
-        finder = MeshFinder(folder, path)
+        finder = PackageFinder(folder, path)
         meshes = link_meshes(urdf, finder)
         return urdf, replace(meshes, visuals=visual_meshes(urdf, finder))
     return None, LinkMeshes({}, {})

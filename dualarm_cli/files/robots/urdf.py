@@ -112,6 +112,8 @@ Libraries traverse them by recursion, and some 5,000 in a row end the process.
 """
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 """Joint types that may move."""
+_OTHER_FORMATS = {"mujoco": "MuJoCo (MJCF)", "sdf": "Gazebo (SDF)"}
+"""Names of other formats of robot descriptions, by their root elements."""
 _TYPES = (*MOVING_TYPES, "fixed", "floating", "planar")
 
 
@@ -176,7 +178,10 @@ def read_urdf(source: TextSource) -> Urdf:
     root = parse_xml(source)
     findings = UrdfFindings(source)
     if root.tag != "robot":
-        findings.add(root, f"root element must be <robot>, not <{root.tag}>")
+        message = f"root element must be <robot>, not <{root.tag}>"
+        if root.tag in _OTHER_FORMATS:
+            message = f"{_OTHER_FORMATS[root.tag]} is not read; give the maker's URDF or xacro file"
+        findings.add(root, message)
         findings.raise_if_any()
     xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
     if xacro is not None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from dualarm_cli.files.robots.meshes import element_pose, mesh_scale
-from dualarm_cli.files.robots.packages import MeshFinder
+from dualarm_cli.files.robots.packages import PackageFinder
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.files.source.projects import BadReferenceError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
@@ -40,7 +40,7 @@ class DrawingLimits:
 DRAWING = DrawingLimits()
 
 
-def visual_meshes(urdf: Urdf, finder: MeshFinder) -> tuple[VisualMesh, ...]:
+def visual_meshes(urdf: Urdf, finder: PackageFinder) -> tuple[VisualMesh, ...]:
     """Find the visual meshes of a URDF; missing files are left out.
 
     Args:
@@ -52,7 +52,7 @@ def visual_meshes(urdf: Urdf, finder: MeshFinder) -> tuple[VisualMesh, ...]:
         for solid in link.all("visual"):
             for mesh in mesh_elements(solid):
                 try:
-                    path = finder.find(mesh.get("filename"))
+                    path = finder.mesh(mesh.get("filename"))
                 except BadReferenceError:
                     continue
                 scale = tuple(mesh_scale(mesh).tolist())
