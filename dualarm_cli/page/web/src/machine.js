@@ -20,6 +20,9 @@ const WIDEST = 0.09;
 const OPENING = 0.022;
 const CLOSING = 0.25;
 
+/** Kinds of solids whose first size is a radius. */
+const ROUND = ["capsule", "cylinder", "sphere"];
+
 /** Drawing of the robot and its grippers. */
 export class Machine {
   /**
@@ -31,7 +34,6 @@ export class Machine {
     this.materials = materials;
     /** @type {{body: number, mesh: THREE.Mesh}[]} */
     this.pieces = [];
-
     const looks = new Set(plan.visuals.map(({ name }) => name));
     for (const solid of plan.visuals) place(this.add(solid.body ?? WORLD, geometryOf(solid, plan.hulls), this.hueOf(solid), this.nameOf(solid)), solid);
     for (const solid of plan.solids) if (solid.role === "link" && !looks.has(solid.name ?? "")) this.drawLink(solid);
@@ -112,7 +114,8 @@ export class Machine {
     const first = Object.keys(plan.tcps).map((arm) => {
       const number = plan.bodies.findIndex((body) => plan.joints[body.joint]?.group === arm);
       const solid = plan.solids.find(({ body, role }) => body === number && role === "link");
-      return { arm, parent: plan.bodies[number].parent, at: new THREE.Vector3(...plan.bodies[number].xyz), radius: solid && solid.kind !== "box" ? solid.size[0] : 0 };
+      const radius = solid && ROUND.includes(solid.kind) ? solid.size[0] : 0;
+      return { arm, parent: plan.bodies[number].parent, at: new THREE.Vector3(...plan.bodies[number].xyz), radius };
     });
     const carriers = plan.solids.filter(({ role, arm }) => role === "link" && !arm);
     const torso = this.torso;

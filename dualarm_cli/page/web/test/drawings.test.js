@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { Fixtures, loads } from "../src/fixtures.js";
 import { jointLabel } from "../src/labels.js";
-import { closedAt, grips } from "../src/machine.js";
+import { Machine, closedAt, grips } from "../src/machine.js";
 import { Materials } from "../src/shapes.js";
 import { compose, inverse } from "../src/poses.js";
 
@@ -72,4 +72,42 @@ test("a tray is drawn above a table, not where a bin is modelled or parts lie on
   assert.deepEqual(drawn([table(0.785)]), [false, false, true]);
   const wall = { ...table(0.82), name: "wall", size: [0.2, 0.02, 0.1], xyz: [0, 0.07, 0.77] };
   assert.deepEqual(drawn([table(0.7), wall]), [false, false, true]);
+});
+
+/** A robot of one arm with one joint, whose link has a shape. */
+const robot = (solid, visuals = []) => ({
+  joints: [{ name: "left_1", group: "left" }],
+  bodies: [{ name: "", parent: -1, joint: -1, axis: [0, 0, 1], slides: false, ...upright(0, 0, 0) }, { name: "left_1", parent: 0, joint: 0, axis: [0, 0, 1], slides: false, ...upright(0, 0.3, 1) }],
+  tcps: { left: { body: 1, ...upright(0, 0, 0.3) } },
+  flanges: { left: upright(0, 0, 0.2) },
+  solids: [{ name: "base", role: "link", kind: "box", size: [0.3, 0.3, 0.5], hull: null, body: 0, arm: "", ...upright(0, 0, 0.75) }, { name: "link", role: "link", hull: null, body: 1, arm: "left", ...upright(0, 0, 0.1), ...solid }],
+  visuals,
+  hulls: [{ corners: new Float32Array([0, 0, 0, 0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1]), triangles: new Uint32Array([0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]) }],
+  things: [],
+  events: [],
+});
+
+const shapes = [{ kind: "capsule", size: [0.05, 0.2] }, { kind: "sphere", size: [0.05] }, { kind: "cylinder", size: [0.05, 0.2] }, { kind: "box", size: [0.1, 0.1, 0.1] }, { kind: "mesh", size: [], hull: 0 }];
+for (const solid of shapes) {
+  test(`a ${solid.kind} becomes a drawing of finite size with the link's and the joint's name`, () => {
+    const names = [];
+    for (const { body, mesh } of new Machine(robot(solid), new Materials()).pieces) {
+      mesh.traverse((part) => {
+        names.push(`${body} ${part.name}`);
+        const points = part.geometry?.getAttribute("position").array ?? [];
+        assert.ok([...points, ...part.position.toArray(), ...part.quaternion.toArray()].every(Number.isFinite), part.name);
+      });
+    }
+    assert.ok(names.includes("1 link: joint left_1"));
+    assert.ok(names.includes("0 base"));
+  });
+}
+
+test("a link with a visual mesh is drawn with it alone", () => {
+  const look = { name: "link", role: "link", kind: "mesh", size: [], hull: 0, body: 1, arm: "left", ...upright(0, 0, 0) };
+  const { pieces } = new Machine(robot(shapes[0], [look]), new Materials());
+  const drawn = pieces.filter(({ mesh }) => mesh.name === "link: joint left_1");
+  assert.equal(drawn.length, 1);
+  // Four faces with three corners each.
+  assert.equal(drawn[0].mesh.geometry.getAttribute("position").count, 12);
 });
