@@ -207,7 +207,9 @@ def test_headers_have_no_circle_and_declare_what_their_source_defines():
     for header in SOURCES.glob("*.h"):
         text = header.read_text(encoding="utf-8")
         graph[header.name] = set(re.findall(r'#include "(.*)"', text))
-        code = header.with_suffix(".c").read_text(encoding="utf-8")
+        # A header of inline functions has no source.
+        source_file = header.with_suffix(".c")
+        code = source_file.read_text(encoding="utf-8") if source_file.exists() else ""
         for function in re.findall(r"^\w[\w *]*?(\w+)\([^;{]*\);", text, re.MULTILINE):
             assert re.search(rf"^\w[\w *]*\b{function}\([^;{{]*\)\s*\{{", code, re.MULTILINE), (
                 header.name,
