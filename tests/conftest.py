@@ -159,7 +159,9 @@ def planned_files(
             with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as printed:
                 patch.setattr(output, "PIPE_WIDTH", 80)
                 patch.setattr(planner, "plan", lambda *_, **__: quick_plan(name))
-                code = run(["plan", job, "--effort", "quick", "--no-page", "--out", str(part)])
+                code = run(
+                    ["plan", job, "--effort", "quick", "--no-page", "-vv", "--out", str(part)]
+                )
             assert code == 0
             (part / "stdout.txt").write_text(printed.getvalue())
             with suppress(OSError):  # another process was first

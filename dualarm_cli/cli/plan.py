@@ -197,7 +197,8 @@ def plan_command(
     elif not quiet:
         _print(report, text_console(out), details)
     if out != STDOUT and not json_output:
-        last = _short_result(plan, folder) if quiet else _file_line(report, folder, details)
+        last = _short_result(plan, folder)
+        last = last if quiet else _file_line(report, folder, page, details)
         print_lines(stdout_console(), last)
     if open_page:
         show_page(folder / PAGE)
@@ -320,12 +321,12 @@ def _print(report: dict[str, Any], console: Console, details: int) -> None:
     print_lines(console, *summary_lines(report))
 
 
-def _file_line(report: dict[str, Any], folder: Path, details: int) -> str:
+def _file_line(report: dict[str, Any], folder: Path, page: bool, details: int) -> str:
     """Name the file to open, and what is left out without details."""
     from dualarm_cli.report.console import detail_notes
 
-    page = folder / PAGE
-    line = f"open {page}" if page.is_file() else f"written: {folder}"
+    file = folder / PAGE
+    line = f"open {file}" if page and file.is_file() else f"written: {folder}"
     if details:
         return line
     count = len(detail_notes(report))

@@ -74,5 +74,5 @@ def test_mistakes_in_files_are_told_by_either(cores: int, tmp_path: Path) -> Non
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path
     )
     assert done.returncode == 2
-    assert done.stderr.count("tasks.yaml:2:7: E500") == 1
-    assert done.stderr.count("tasks.yaml:3:8: E200") == 1
+    assert done.stderr.count("error[E500]: tasks.yaml:2:7: ") == 1
+    assert done.stderr.count("error[E200]: tasks.yaml:3:8: ") == 1

@@ -98,7 +98,7 @@ def test_check_and_plan_tell_all_faults_with_their_places_before_any_search(
     for task, value in (("deep", 0.01), ("far", miss / 1e3)):
         [row] = [row for row in rows if row.get("task") == task]
         assert (row["arm"], row["value"]) == ("left", pytest.approx(value, abs=1e-6))
-    places = [line.split(": ")[0].split(":")[-2] for line in said.split("\n") if ": E6" in line]
+    places = [line.split(":")[2] for line in said.split("\n") if line.startswith("error[E6")]
     assert places == ["3", "5", "10"]
 
 
