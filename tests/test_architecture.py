@@ -212,6 +212,10 @@ def _written(node: ast.AST) -> bool:
     )
 
 
+SAID = r"(notes|reasons|warnings)$"
+"""Names of lists of what is told about a plan, a calibration or an import."""
+
+
 def test_notes_are_data() -> None:
     """Notes and causes are sentences of tables (`NoteTable`, `Refusal`), filled in; none is written where it stands."""
     found = []
@@ -220,11 +224,11 @@ def test_notes_are_data() -> None:
             added: list[ast.AST] = []
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)
-                if re.search(r"notes\.(append|insert)$|^No(Path|Seam|Posture)$", called):
+                if re.search(r"(notes|reasons|warnings)\.(append|insert)$|^No(Path|Seam|Posture)$", called):
                     added = list(node.args)
-            elif isinstance(node, ast.AugAssign) and ast.unparse(node.target).endswith("notes"):
+            elif isinstance(node, ast.AugAssign) and re.search(SAID, ast.unparse(node.target)):
                 added = [node.value]
-            elif isinstance(node, ast.FunctionDef) and node.name.endswith("notes"):
+            elif isinstance(node, ast.FunctionDef) and re.search(SAID, node.name):
                 added = [n.value for n in ast.walk(node) if isinstance(n, ast.Return) and n.value]
             elif isinstance(node, ast.keyword) and node.arg in ("notes", "unbounded"):
                 added = [node.value]

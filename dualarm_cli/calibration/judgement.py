@@ -17,6 +17,7 @@ from dualarm_cli.calibration.spread import (
     measure_spread,
 )
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 
 
@@ -50,6 +51,33 @@ class JudgementSettings:
 
 
 LEVELS = JudgementSettings()
+
+_note = NoteTable(
+    "judgement",
+    first_three="the frame method uses the first three points only; {others:*, }: checks. least_squares uses all",
+    least_number="three points are the minimum, and a bad one may go undetected; touch 4 to 8 points, well spread in "
+    "every direction",
+    near_line="the points are nearly on one line: none is more than {left:.1f} mm (left) and {right:.1f} mm (right) "
+    "off the line of {length:.0f} mm through {ends:* and }, so touching errors rotate the result about that line; "
+    "touch a point at least {apart:.0f} mm off it",
+    repeated="{first} and {second} are the same point (less than {distance:g} mm apart): this shows how repeatable "
+    "the touching is, but adds nothing to the spread",
+    scaled="the left robot's points span {scale:.4f} times what the right robot's points span; check units, tools "
+    "and link lengths in the robot files",
+    disagree="the robots disagree by {off:.1f} mm about the distance of {first} and {second}, more than {noise} "
+    "explains, and no transform can correct it; touch them again, or check the tools and robot files",
+    noisy="the residuals are larger than a noise of {noise:g} mm explains (it would take {needed:.2g} mm), so the "
+    "intervals are too narrow; check single points, tools and robot files, or leave out `noise`",
+    outlier="without {point} the others fit {factor:.3g} times better, and it is {off:.3g} mm from where they "
+    "predict it: touch it again, or check that both robots touched the same point",
+    mirrored="one robot's points are the mirror image of the other's: a reflection leaves {mirror:.3g} mm where the "
+    "best motion leaves {plain:.3g} mm; check for a missing sign or a left-handed frame",
+    noise_needed="the uncertainty of the frame method is known only if the noise is stated (`noise: 0.5 mm`)",
+    no_surplus="there are as many unknowns as equations, so the uncertainty is not known; touch more points, or state "
+    "the noise",
+    loose_turn="the rotation is known to ±{turn:.2g} deg only (95 %), which is {shift:.0f} mm at a distance of 1 m; "
+    "touch more points, farther apart in every direction",
+)
 
 
 @dataclass(frozen=True)
@@ -203,7 +231,7 @@ class Judgement:
     """Spread of the right robot's points."""
     widths: FloatArray | None
     """Half widths of the 95 % intervals of translation [m] and rotation vector [rad], shape (6,)."""
-    warnings: tuple[str, ...]
+    warnings: tuple[Note, ...]
     """Warnings with advice."""
 
     @property
@@ -246,7 +274,7 @@ def judge(
     warnings = [
         *_few(problem, method),
         *_near_line(problem, left, right),
-        *_repeated(problem, pairs),
+        *_repeated(pairs),
         *_disagreement(problem, pairs, consistency, fitted),
         *mirrored(problem),
         *_uncertain(widths, method),
@@ -254,42 +282,35 @@ def judge(
     return Judgement(readonly(residuals), pairs, left, right, widths, tuple(warnings))
 
 
-def _few(problem: CalibrationProblem, method: str) -> list[str]:
+def _few(problem: CalibrationProblem, method: str) -> list[Note]:
     """Warn about three points, or about points that the frame method ignores."""
     n = len(problem.names)
     if method == "frame" and n > 3:
-        others = ", ".join(problem.names[3:])
-        return [
-            f"the frame method uses the first three points only; {others}: checks. least_squares uses all"
-        ]
-    if n > 3:
-        return []
-    return [
-        "three points are the minimum, and a bad one may go undetected; touch 4 to 8 points, "
-        "well spread in every direction"
-    ]
+        return [_note("first_three", others=problem.names[3:])]
+    return [_note("least_number")] if n <= 3 else []
 
 
-def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list[str]:
+def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list[Note]:
     """Warn about points nearly on a line."""
     worst = min(left, right, key=lambda spread: spread.ratio)
     if worst.ratio >= SPREAD.nearly_a_line:
         return []
-    ends = " and ".join(problem.names[k] for k in worst.ends)
     return [
-        f"the points are nearly on one line: none is more than {left.height * 1000:.1f} mm (left) and "
-        f"{right.height * 1000:.1f} mm (right) off the line of {worst.length * 1000:.0f} mm "
-        f"through {ends}, so touching errors "
-        f"rotate the result about that line; touch a point at least {worst.length * 500:.0f} mm off it"
+        _note(
+            "near_line",
+            left=left.height * 1000,
+            right=right.height * 1000,
+            length=worst.length * 1000,
+            ends=[problem.names[k] for k in worst.ends],
+            apart=worst.length * 500,
+        )
     ]
 
 
-def _repeated(problem: CalibrationProblem, pairs: tuple[PairDistance, ...]) -> list[str]:
+def _repeated(pairs: tuple[PairDistance, ...]) -> list[Note]:
     """Warn about repeated points."""
     return [
-        f"{pair.first} and {pair.second} are the same point (less than {LEVELS.same_point * 1000:g} mm "
-        "apart): this shows how repeatable "
-        "the touching is, but adds nothing to the spread"
+        _note("repeated", first=pair.first, second=pair.second, distance=LEVELS.same_point * 1000)
         for pair in pairs
         if max(pair.left, pair.right) < LEVELS.same_point
     ]
@@ -300,68 +321,46 @@ def _disagreement(
     pairs: tuple[PairDistance, ...],
     consistency: Consistency,
     fitted: int,
-) -> list[str]:
+) -> list[Note]:
     """Warn about discrepancies between the robots that exceed noise."""
     warnings = []
     if consistency.scale is not None:
-        warnings.append(
-            f"the left robot's points span {consistency.scale:.4f} times what "
-            "the right robot's points span; check units, tools and link lengths in the robot files"
-        )
+        warnings.append(_note("scaled", scale=consistency.scale))
     if problem.noise is None and consistency.contradicted:
         worst = max(pairs, key=lambda pair: abs(pair.left - pair.right))
         touches = f"a noise of {LEVELS.touch_noise * 1000:g} mm"
+        noise = touches if consistency.too_much else "their noise"
+        off = abs(worst.left - worst.right) * 1000
         warnings.append(
-            f"the robots disagree by {abs(worst.left - worst.right) * 1000:.1f} mm about the "
-            f"distance of {worst.first} and {worst.second}, more than "
-            + (touches if consistency.too_much else "their noise")
-            + " explains, and no transform can correct it; touch them again, or check the tools and robot files"
+            _note("disagree", off=off, first=worst.first, second=worst.second, noise=noise)
         )
     elif consistency.too_much and problem.noise is not None:
         degrees = 3 * len(problem.names) - 6 - fitted
-        warnings.append(
-            f"the residuals are larger than a noise of {problem.noise * 1000:g} mm explains (it would take "
-            f"{math.sqrt(least_squares(problem) / degrees / 2.0) * 1000:.2g} mm), so the intervals are too narrow; "
-            "check single points, tools and robot files, or leave out `noise`"
-        )
+        needed = math.sqrt(least_squares(problem) / degrees / 2.0) * 1000
+        warnings.append(_note("noisy", noise=problem.noise * 1000, needed=needed))
     if consistency.outlier is not None:
-        outlier = consistency.outlier
+        outlier, point = consistency.outlier, problem.names[consistency.outlier.point]
         warnings.append(
-            f"without {problem.names[outlier.point]} the others fit {outlier.factor:.3g} times better, and it is "
-            f"{outlier.off * 1000:.3g} mm from where they predict it: touch it again, or check that both robots "
-            "touched the same point"
+            _note("outlier", point=point, factor=outlier.factor, off=outlier.off * 1000)
         )
     return warnings
 
 
-def mirrored(problem: CalibrationProblem) -> list[str]:
+def mirrored(problem: CalibrationProblem) -> list[Note]:
     """Warn about mirrored points: a reflection fits far better, so a sign is lost."""
     flipped = CalibrationProblem(problem.left, -problem.right, problem.names)
     plain, mirror = (math.sqrt(least_squares(p) / len(p.names)) for p in (problem, flipped))
     if plain < LEVELS.mirrored or mirror > plain / 3.0:
         return []
-    return [
-        "one robot's points are the mirror image of the other's: a reflection leaves "
-        f"{mirror * 1000:.3g} mm where the best motion "
-        f"leaves {plain * 1000:.3g} mm; check for a missing sign or a left-handed frame"
-    ]
+    return [_note("mirrored", mirror=mirror * 1000, plain=plain * 1000)]
 
 
-def _uncertain(widths: FloatArray | None, method: str) -> list[str]:
+def _uncertain(widths: FloatArray | None, method: str) -> list[Note]:
     """Warn about a large or unknown uncertainty."""
-    if widths is None and method == "frame":
-        return [
-            "the uncertainty of the frame method is known only if the noise is stated (`noise: 0.5 mm`)"
-        ]
     if widths is None:
-        return [
-            "there are as many unknowns as equations, so the uncertainty is not known; touch more points, or "
-            "state the noise"
-        ]
-    if widths[3:].max() < LEVELS.turn_off:
+        return [_note("noise_needed" if method == "frame" else "no_surplus")]
+    turn = float(widths[3:].max())
+    if turn < LEVELS.turn_off:
         return []
-    return [
-        f"the rotation is known to ±{math.degrees(float(widths[3:].max())):.2g} deg only (95 %), which is "
-        f"{math.tan(min(float(widths[3:].max()), 1.5)) * 1000:.0f} mm at a distance of 1 m; touch "
-        "more points, farther apart in every direction"
-    ]
+    shift = math.tan(min(turn, 1.5)) * 1000
+    return [_note("loose_turn", turn=math.degrees(turn), shift=shift)]

@@ -17,8 +17,19 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.structure import count_of
+
+_note = NoteTable(
+    "contacts",
+    allowed="links that may touch, see allowed_contacts: {pairs}",
+    assumed="links that touch in many postures, see assumed_contacts: {pairs}; their shapes are assumed to be wider "
+    "than the links. Judge them, or give them finer shapes (--convex-parts)",
+    stated="links whose collisions the SRDF leaves out though they touch in some postures, see assumed_contacts: "
+    "{pairs}; each plan lists them. Judge them",
+    kept_apart="{links:* and } {why}, and are kept apart",
+)
 
 
 @dataclass(frozen=True)
@@ -132,7 +143,7 @@ def find_contacts(
     return always, often
 
 
-def contact_reasons(contacts: Sequence[Contact], often: Sequence[Contact]) -> list[str]:
+def contact_reasons(contacts: Sequence[Contact], often: Sequence[Contact]) -> list[Note]:
     """Compose the messages on contacts: allowed, assumed, and frequent ones that are checked.
 
     Args:
@@ -141,25 +152,15 @@ def contact_reasons(contacts: Sequence[Contact], often: Sequence[Contact]) -> li
     """
     reasons = []
     if contacts:
-        reasons.append(
-            f"links that may touch, see allowed_contacts: {count_of(len(contacts), 'pair')}"
-        )
+        reasons.append(_note("allowed", pairs=count_of(len(contacts), "pair")))
     shapes = sum(pair.assumed and not pair.stated for pair in often)
     if shapes:
-        reasons.append(
-            f"links that touch in many postures, see assumed_contacts: {count_of(shapes, 'pair')}; their shapes are "
-            "assumed to be wider than the links. Judge them, or give them finer shapes (--convex-parts)"
-        )
+        reasons.append(_note("assumed", pairs=count_of(shapes, "pair")))
     stated = sum(pair.stated for pair in often)
     if stated:
-        reasons.append(
-            f"links whose collisions the SRDF leaves out though they touch in some postures, see assumed_contacts: "
-            f"{count_of(stated, 'pair')}; each plan lists them. Judge them"
-        )
+        reasons.append(_note("stated", pairs=count_of(stated, "pair")))
     reasons += [
-        f"{' and '.join(pair.links)} {pair.why}, and are kept apart"
-        for pair in often
-        if not pair.assumed
+        _note("kept_apart", links=pair.links, why=pair.why) for pair in often if not pair.assumed
     ]
     return reasons
 

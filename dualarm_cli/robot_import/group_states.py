@@ -12,6 +12,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import tanh
 from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import (
     CONTACT,
@@ -35,6 +36,14 @@ FEW = 40
 """Number of postures of each arm that are combined with the other arm's."""
 
 
+_note = NoteTable(
+    "posture",
+    not_taken="posture {name} of the SRDF is not taken: {problem}",
+    posture="posture {name}: {source}",
+    no_home="posture home: none of the postures tried is collision-free; all joints are at 0, write one",
+)
+
+
 @dataclass(frozen=True)
 class NamedPostures:
     """Named postures with messages."""
@@ -43,7 +52,7 @@ class NamedPostures:
     """Joint positions [rad or m] by posture, home first."""
     comments: Mapping[str, str]
     """Comments in the robot file by posture."""
-    reasons: tuple[str, ...]
+    reasons: tuple[Note, ...]
     """Messages on accepted and rejected states."""
 
 
@@ -61,7 +70,7 @@ def find_postures(robot: Robot, srdf: Srdf, seed: int) -> NamedPostures:
     home = robot.postures[HOME] if proposed is None else _rounded(robot, proposed)
     accepted: dict[str, FloatArray] = {}
     comments: dict[str, str] = {}
-    reasons: list[str] = []
+    reasons: list[Note] = []
     # Home first, because it completes the other states.
     for name in sorted(srdf.states, key=lambda name: name != HOME):
         state = srdf.states[name]
@@ -70,25 +79,23 @@ def find_postures(robot: Robot, srdf: Srdf, seed: int) -> NamedPostures:
             posture[k] = state.get(joint, posture[k])
         problem = srdf.conflicts.get(name) or _problem(robot, name, state, posture)
         if problem:
-            reasons.append(f"posture {name} of the SRDF is not taken: {problem}")
+            reasons.append(_note("not_taken", name=name, problem=problem))
             continue
         missing = [arm.name for arm in robot.arms if not state.keys() & set(arm.joints)]
         comments[name] = "group state of the SRDF"
         if missing:
             comments[name] += f"; {' and '.join(missing)} arm as in home"
-        reasons.append(f"posture {name}: {comments[name]}")
+        reasons.append(_note("posture", name=name, source=comments[name]))
         accepted[name] = posture
         if name == HOME:
             home = posture
     if HOME not in accepted:
         accepted = {HOME: home, **accepted}
         if proposed is None:
-            reasons.append(
-                "posture home: none of the postures tried is collision-free; all joints are at 0, write one"
-            )
+            reasons.append(_note("no_home"))
         else:
             comments[HOME] = PROPOSED
-            reasons.append(f"posture home: {PROPOSED}")
+            reasons.append(_note("posture", name=HOME, source=PROPOSED))
     values = {
         name: dict(zip(robot.joints, posture.tolist(), strict=True))
         for name, posture in accepted.items()

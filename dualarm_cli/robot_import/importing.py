@@ -29,6 +29,7 @@ from dualarm_cli.files.robots.visual_meshes import drawn_meshes, visual_meshes
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.model.shape import Hull, Shape, VisualMesh
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.confined import XacroInput
 from dualarm_cli.robot_import.contacts import Contact, contact_reasons, find_contacts
@@ -49,6 +50,15 @@ from dualarm_cli.robot_import.joint_limits import (
 )
 from dualarm_cli.robot_import.srdf import Srdf, named_tips, read_srdf
 from dualarm_cli.robot_import.structure import Structure, count_of, find_structure
+
+_note = NoteTable(
+    "import",
+    velocity="velocity limits assumed, {assumed}, as the URDF has none: {joints:*, }",
+    hulls="{meshes}: taken as convex hulls, in meshes/",
+    parts="{name}: {parts}, in meshes/",
+    drawn="{meshes}: simplified for the page, in meshes/",
+    angles="{angles} of the URDF (such as 1.5708) made exact",
+)
 
 
 @dataclass(frozen=True)
@@ -86,7 +96,7 @@ class Imported:
     """Content of each file by its path in the folder."""
     loaded: LoadedRobot
     """Robot as `plan` loads these files."""
-    reasons: tuple[str, ...]
+    reasons: tuple[Note, ...]
     """Decisions with their reasons, and assumptions."""
 
 
@@ -145,8 +155,7 @@ def import_robot(request: ImportRequest) -> Imported:
         *limits.reasons,
     ]
     if assumed:
-        names = ", ".join(sorted(assumed))
-        reasons.append(f"velocity limits assumed, {ASSUMED}, as the URDF has none: {names}")
+        reasons.append(_note("velocity", assumed=ASSUMED, joints=sorted(assumed)))
     reasons += [*contact_reasons(contacts, often), *postures.reasons]
     # The description's reasons already list the meshes taken as hulls or parts.
     reasons += [note for note in loaded.notes if note.key != "hulls"]
@@ -216,7 +225,7 @@ class Described:
     """Text of the URDF."""
     meshes: Mapping[str, bytes]
     """STL files by path."""
-    reasons: tuple[str, ...]
+    reasons: tuple[Note, ...]
     """Changes to the description, with their reasons."""
 
 
@@ -273,16 +282,16 @@ def described(
         count = sum(len(hulls) for name, hulls in meshes.items() if name not in parts)
         if count:
             whole = count_of(count, "collision mesh", "collision meshes")
-            reasons.append(f"{whole}: taken as convex hulls, in meshes/")
+            reasons.append(_note("hulls", meshes=whole))
     for name, divided in parts.items():
-        reasons.append(f"{name}: {count_of(sum(map(len, divided)), 'convex part')}, in meshes/")
+        convex = count_of(sum(map(len, divided)), "convex part")
+        reasons.append(_note("parts", name=name, parts=convex))
     if drawn:
-        reasons.append(
-            f"{count_of(len(drawn), 'visual mesh', 'visual meshes')}: simplified for the page, in meshes/"
-        )
+        whole = count_of(len(drawn), "visual mesh", "visual meshes")
+        reasons.append(_note("drawn", meshes=whole))
     if rounded:
         angles = count_of(rounded, "rounded angle")
-        reasons.append(f"{angles} of the URDF (such as 1.5708) made exact")
+        reasons.append(_note("angles", angles=angles))
     return Described(urdf_text(urdf.root.name or "robot", elements), files | drawn, tuple(reasons))
 
 

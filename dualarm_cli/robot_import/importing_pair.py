@@ -9,9 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import UsageError
+from dualarm_cli.files.robots.notes import robot_note
 from dualarm_cli.files.robots.robot_pair import compose_pair, why_not_a_pair_member
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import touches
 from dualarm_cli.robot_import.importing import Imported, ImportRequest, import_robot
@@ -28,6 +30,13 @@ TRIED = 20
 """Maximum number of tried distances."""
 
 
+_note = NoteTable(
+    "bases",
+    assumed="bases: {distance:.1f} m apart, side by side, x to the front: assumed",
+    colliding="bases: {distance:.1f} m apart, side by side, x to the front: assumed; the posture home collides there",
+)
+
+
 @dataclass(frozen=True)
 class ImportedPair:
     """Files of two robots and their cell, and the decisions."""
@@ -36,7 +45,7 @@ class ImportedPair:
     """Name of the folder."""
     files: Mapping[str, bytes]
     """Content of each file by its path in the folder."""
-    reasons: tuple[str, ...]
+    reasons: tuple[Note, ...]
     """Decisions with their reasons, and assumptions."""
 
 
@@ -62,16 +71,15 @@ def import_pair(left: ImportRequest, right: ImportRequest) -> ImportedPair:
         folders = {side: imported.folder for side, imported in robots.items()}
     distance, clear = _distance(*(imported.loaded.robot for imported in robots.values()))
     files: dict[str, bytes] = {}
-    reasons: list[str] = []
+    reasons: list[Note] = []
     for side, folder in folders.items():
         imported = robots[side]
         files |= {f"{folder}/{name}": content for name, content in imported.files.items()}
-        prefixed = [f"{folder}: {reason}" for reason in imported.reasons]
+        prefixed = [
+            robot_note("of_robot", robot=folder, note=reason) for reason in imported.reasons
+        ]
         reasons += [reason for reason in prefixed if reason not in reasons]
-    assumed = f"bases: {distance:.1f} m apart, side by side, x to the front: assumed"
-    if not clear:
-        assumed += "; the posture home collides there"
-    reasons.append(assumed)
+    reasons.append(_note("assumed" if clear else "colliding", distance=distance))
     files["cell.yaml"] = _cell_text(folders, distance).encode()
     name = "_and_".join(dict.fromkeys(imported.folder for imported in robots.values()))
     return ImportedPair(f"{name}_cell", files, tuple(reasons))

@@ -15,6 +15,7 @@ from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.text_source import quote, read_text, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc, parse_yaml
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 
 ASSUMED_SPEED, ASSUMED_SLIDING = math.radians(90.0), 0.1
@@ -34,6 +35,14 @@ _KEYS = {
 """Kinds of limits with their keys; `has_…_limits` enables each kind."""
 _NOT_USED = ("has_effort_limits", "max_effort", "k_position", "k_velocity", "angle_wraparound")
 """Keys of other tools that do not affect planning."""
+
+
+_note = NoteTable(
+    "joint_limits",
+    ignored="{file}:{line}: {entry} is not taken",
+    scale="{file}:{line}: {entry} is not taken: it scales MoveIt's motions; here `speed` of tasks does",
+    wider="{file} allows larger {what} than the URDF, whose limits hold: {joints:*, }",
+)
 
 
 @dataclass(frozen=True)
@@ -58,7 +67,7 @@ class JointLimitsFile:
 
     joints: Mapping[str, StatedLimits] = field(default_factory=dict)
     """Limits by joint."""
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Note, ...] = ()
     """Messages on ignored entries."""
 
 
@@ -99,13 +108,12 @@ def read_joint_limits(path: Path, urdf: Urdf) -> JointLimitsFile:
     reasons = _wider(path.name, urdf, limits_by_joint)
     for key in document.data:
         if key != "joint_limits":
-            scales = ": it scales MoveIt's motions; here `speed` of tasks does"
-            more = scales if key.startswith("default_") else ""
-            reasons.append(f"{path.name}:{document.place((key,))[0]}: {key} is not taken{more}")
+            at = {"file": path.name, "line": document.place((key,))[0], "entry": key}
+            reasons.append(_note("scale" if key.startswith("default_") else "ignored", **at))
     return JointLimitsFile(limits_by_joint, tuple(reasons))
 
 
-def _wider(file: str, urdf: Urdf, limits_by_joint: Mapping[str, StatedLimits]) -> list[str]:
+def _wider(file: str, urdf: Urdf, limits_by_joint: Mapping[str, StatedLimits]) -> list[Note]:
     """List messages on joints with wider limits than the URDF's."""
     faster, farther = [], []
     for name, limits in limits_by_joint.items():
@@ -117,7 +125,7 @@ def _wider(file: str, urdf: Urdf, limits_by_joint: Mapping[str, StatedLimits]) -
             if limits.positions[0] < lower or upper < limits.positions[1]:
                 farther.append(name)
     return [
-        f"{file} allows larger {what} than the URDF, whose limits hold: {', '.join(names)}"
+        _note("wider", file=file, what=what, joints=names)
         for what, names in {"velocities": faster, "positions": farther}.items()
         if names
     ]

@@ -14,6 +14,7 @@ from dataclasses import replace
 from dualarm_cli.errors import UsageError, did_you_mean
 from dualarm_cli.files.robots.frozen_joints import leader_of, nearest_to_zero, position_range
 from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
+from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 
 LEAST_AXES = 6
@@ -33,6 +34,20 @@ NO_TIP = "none"
 """Value of `--left-tip` or `--right-tip` for a missing arm."""
 SIDES = ("left", "right")
 """Sides of an arm."""
+
+
+_note = NoteTable(
+    "structure",
+    arm="{side} arm: {joints:*, }; flange {tip}{by}",
+    ambiguous="no {side} arm: the tree does not tell which row of joints it is, of those that end in {ends:*, }; "
+    "name its end with --{side}-tip",
+    platform="platform: {joints:*, }: carries both arms",
+    slide="{name}: slides and carries both arms; stands at {place:g} mm; --platform {name} lets it move between stages",
+    fixed="joints below the arms that stay where they are: {joints:*, }",
+    grippers="joints of grippers by their names: {joints:*, }",
+    no_arm="no arm: {first} to {last} ('{word}' in {joint})",
+    following="no arm: {first} to {last}, as {pairs}; arms with joints that follow others cannot be planned",
+)
 
 
 class OpenChoiceError(UsageError):
@@ -98,7 +113,7 @@ class Structure:
     """Arms by side: left, right or both."""
     platform: tuple[str, ...]
     """Joints that carry both arms, world side first."""
-    reasons: tuple[str, ...]
+    reasons: tuple[Note, ...]
     """Decisions with their reasons."""
     frozen: tuple[FrozenSlide, ...] = ()
     """Fixed lifts and rails that carry arms."""
@@ -149,7 +164,7 @@ def find_structure(
         sides = [side for side in SIDES if side not in absent]
         arms = _arms_by_side(urdf, rows, sides, notes)
     reasons = [
-        f"{side} arm: {', '.join(arm.joints)}; flange {arm.tip}{f' ({arm.by})' if arm.by else ''}"
+        _note("arm", side=side, joints=arm.joints, tip=arm.tip, by=f" ({arm.by})" if arm.by else "")
         for side, arm in arms.items()
     ]
     carriers = _common([urdf.chain(arm.tip) for arm in arms.values()]) if len(arms) == 2 else []
@@ -175,7 +190,7 @@ def _check_links(urdf: Urdf, tips: Mapping[str, NamedTip]) -> None:
 
 def _other_arm(
     urdf: Urdf, rows: Sequence[ArmChain], side: str, tip: str
-) -> tuple[ArmChain | None, list[str]]:
+) -> tuple[ArmChain | None, list[Note]]:
     """Find the other arm if one tip is named, or None and the reason."""
     arm_joints = set(urdf.chain(tip))
     candidates = [row for row in rows if not arm_joints & set(row.joints)]
@@ -186,11 +201,8 @@ def _other_arm(
         return fitting[0], []
     if not candidates:
         return None, []
-    ends = ", ".join(row.tip for row in candidates)
-    return None, [
-        f"no {side} arm: the tree does not tell which row of joints it is, of those that end in {ends}; "
-        f"name its end with --{side}-tip"
-    ]
+    ends = [row.tip for row in candidates]
+    return None, [_note("ambiguous", side=side, ends=ends)]
 
 
 def _between(urdf: Urdf, ends: Mapping[str, ArmChain]) -> dict[str, ArmChain]:
@@ -255,9 +267,9 @@ def _frozen_slides(
 
 def _platform(
     urdf: Urdf, carriers: list[str], requested: Sequence[str] | None
-) -> tuple[tuple[str, ...], list[str]]:
+) -> tuple[tuple[str, ...], list[Note]]:
     """Select the joints of the platform, with the reasons."""
-    reasons: list[str] = []
+    reasons: list[Note] = []
     turning = [
         n for n in carriers if n in moving(urdf) and urdf.joints[n].get("type") != "prismatic"
     ]
@@ -271,17 +283,14 @@ def _platform(
         return tuple(n for n in carriers if n in requested), reasons
     chosen = turning[-PLATFORM_JOINTS:]
     if chosen:
-        reasons.append(f"platform: {', '.join(chosen)}: carries both arms")
+        reasons.append(_note("platform", joints=chosen))
     lifts = [name for name in carriers if name in _slides(urdf)]
     for name in lifts:
         place = nearest_to_zero(urdf.joints[name])
-        reasons.append(
-            f"{name}: slides and carries both arms; stands at {1e3 * place:g} mm; --platform {name} lets it move "
-            "between stages"
-        )
+        reasons.append(_note("slide", name=name, place=1e3 * place))
     fixed_joints = [name for name in carriers if name not in (*chosen, *lifts)]
     if fixed_joints:
-        reasons.append(f"joints below the arms that stay where they are: {', '.join(fixed_joints)}")
+        reasons.append(_note("fixed", joints=fixed_joints))
     return tuple(chosen), reasons
 
 
@@ -296,14 +305,14 @@ def _common(chains: list[list[str]]) -> list[str]:
 
 
 def _arms_by_side(
-    urdf: Urdf, rows: Sequence[ArmChain], sides: Sequence[str], left_out: Sequence[str]
+    urdf: Urdf, rows: Sequence[ArmChain], sides: Sequence[str], left_out: Sequence[Note]
 ) -> dict[str, ArmChain]:
     """Assign candidate chains to the given sides, by the tree and its names."""
     candidates = [row for row in rows if not row.side or row.side in sides]
     if not candidates or not sides:
         grips = [name for name in moving(urdf) if word_among(name, GRIPPER)]
         if len(grips) >= LEAST_AXES:
-            left_out = [*left_out, f"joints of grippers by their names: {', '.join(grips)}"]
+            left_out = [*left_out, _note("grippers", joints=grips)]
         why = "".join(f"; {reason}" for reason in left_out)
         raise UsageError(
             f"no arm was found: no row of {LEAST_AXES} joints or more that turn; name its end with --left-tip{why}"
@@ -319,7 +328,7 @@ def _arms_by_side(
     raise OpenChoiceError(tuple(chain.tip for chain in candidates))
 
 
-def _rows(urdf: Urdf) -> tuple[list[ArmChain], list[str]]:
+def _rows(urdf: Urdf) -> tuple[list[ArmChain], list[Note]]:
     """Find the chains that may be arms, in document order, and reasons against the others."""
     movable = moving(urdf)
     before: dict[str, str] = {}  # moving joint to the moving joint that carries it
@@ -342,15 +351,13 @@ def _rows(urdf: Urdf) -> tuple[list[ArmChain], list[str]]:
         followers = _followers(urdf, joints) if joints else {}
         if len(joints) + len(followers) < LEAST_AXES:
             continue
-        span = f"{joints[0]} to {joints[-1]}"
+        span = {"first": joints[0], "last": joints[-1]}
         part = next(((n, word) for n in joints if (word := word_among(n, NO_ARM))), None)
         if part is not None:
-            left_out.append(f"no arm: {span} ('{part[1]}' in {part[0]})")
+            left_out.append(_note("no_arm", **span, word=part[1], joint=part[0]))
         elif followers:
             both = ", ".join(f"{name} mimics {leader}" for name, leader in followers.items())
-            left_out.append(
-                f"no arm: {span}, as {both}; arms with joints that follow others cannot be planned"
-            )
+            left_out.append(_note("following", **span, pairs=both))
         else:
             candidates.append(ArmChain(joints, _tip(urdf, joints[-1])))
     return candidates, left_out
