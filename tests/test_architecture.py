@@ -224,7 +224,9 @@ def test_notes_are_data() -> None:
             added: list[ast.AST] = []
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)
-                if re.search(r"(notes|reasons|warnings)\.(append|insert)$|^No(Path|Seam|Posture)$", called):
+                if re.search(
+                    r"(notes|reasons|warnings)\.(append|insert)$|^No(Path|Seam|Posture)$", called
+                ):
                     added = list(node.args)
             elif isinstance(node, ast.AugAssign) and re.search(SAID, ast.unparse(node.target)):
                 added = [node.value]
