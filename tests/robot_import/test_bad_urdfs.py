@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -78,7 +79,7 @@ BAD = {
     ),
     "mesh by its absolute path": (
         with_solid('<mesh filename="/secret.stl"/>'),
-        "must be a relative path",
+        "there is no file",
     ),
     "mesh out of its package": (
         with_solid('<mesh filename="package://inner/../../secret.stl"/>'),
@@ -130,5 +131,5 @@ def test_bad_urdfs_are_refused_in_a_sentence(
     assert "Traceback" not in told
     assert "PASSPHRASE" not in told
     assert sorted(tmp_path.rglob("*")) == before
-    first = told.splitlines()[0]
-    assert first.startswith("bad.urdf:") if "row of 6" not in message else True
+    place = r"error(\[E\d+\])?: bad\.urdf:" if "row of 6" not in message else ""
+    assert re.match(place, told)
