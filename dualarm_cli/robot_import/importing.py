@@ -57,7 +57,8 @@ _note = NoteTable(
     hulls="{meshes}: taken as convex hulls, in meshes/",
     parts="{name}: {parts}, in meshes/",
     drawn="{meshes}: simplified for the page, in meshes/",
-    angles="{angles} of the URDF (such as 1.5708) made exact",
+    angles="{angles} of the URDF made exact multiples of a quarter turn: {values:listed}",
+    shapeless="the URDF has no collision shapes: its links' collisions are not checked; add <collision> elements",
 )
 
 
@@ -265,7 +266,7 @@ def described(
                 clean.children.append(Element("collision", {}, children=[*origins, geometry]))
         clean.children += shown.get(name, [])
         elements.append(clean)
-    rounded = 0
+    rounded: list[str] = []
     for name, joint in urdf.joints.items():
         clean = Element("joint", {"name": name, "type": joint.get("type")})
         for child in joint.children:
@@ -273,8 +274,8 @@ def described(
                 continue
             attributes = dict(child.attributes)
             if child.tag == "origin" and "rpy" in attributes:
-                attributes["rpy"], turned = _exact(attributes["rpy"])
-                rounded += turned
+                attributes["rpy"], words = _exact(attributes["rpy"])
+                rounded += words
             clean.children.append(Element(child.tag, attributes))
         elements.append(clean)
     reasons = []
@@ -290,8 +291,10 @@ def described(
         whole = count_of(len(drawn), "visual mesh", "visual meshes")
         reasons.append(_note("drawn", meshes=whole))
     if rounded:
-        angles = count_of(rounded, "rounded angle")
-        reasons.append(_note("angles", angles=angles))
+        angles = count_of(len(rounded), "rounded angle")
+        reasons.append(_note("angles", angles=angles, values=list(dict.fromkeys(rounded))))
+    if not any(link.find("collision") for link in urdf.links.values()):
+        reasons.append(_note("shapeless"))
     return Described(urdf_text(urdf.root.name or "robot", elements), files | drawn, tuple(reasons))
 
 
@@ -313,12 +316,12 @@ def _drawn(
     return {paths[key]: stl_bytes(surface) for key, surface in surfaces.items()}, shown
 
 
-def _exact(rpy: str) -> tuple[str, int]:
-    """Make rounded multiples of a quarter turn exact, and count them.
+def _exact(rpy: str) -> tuple[str, list[str]]:
+    """Make rounded multiples of a quarter turn exact, and list them as written.
 
     Small angles stay as they are, because a calibration may have measured them.
     """
-    words, count = [], 0
+    words, rounded = [], []
     for word in rpy.split():
         value = float(word)
         quarter = round(value / (0.5 * math.pi)) * 0.5 * math.pi
@@ -327,8 +330,9 @@ def _exact(rpy: str) -> tuple[str, int]:
         slack = min(UNITS * last, COARSE) if last <= COARSE else 0.5 * last
         near = quarter != 0.0 and abs(value - quarter) < max(NOISE, slack)
         words.append(repr(quarter) if near else word)
-        count += near and abs(value - quarter) > 1e-12
-    return " ".join(words), count
+        if near and abs(value - quarter) > 1e-12:
+            rounded.append(word)
+    return " ".join(words), rounded
 
 
 def _safe(name: str) -> str:

@@ -43,6 +43,8 @@ _note = NoteTable(
     "name its end with --{side}-tip",
     platform="platform: {joints:*, }: carries both arms",
     slide="{name}: slides and carries both arms; stands at {place:g} mm; --platform {name} lets it move between stages",
+    rail="{name}: slides and carries the {side} arm; stands at {place:g} mm; the comments of robot.yaml say how to let "
+    "it move",
     fixed="joints below the arms that stay where they are: {joints:*, }",
     grippers="joints of grippers by their names: {joints:*, }",
     no_arm="no arm: {first} to {last} ('{word}' in {joint})",
@@ -170,6 +172,11 @@ def find_structure(
     carriers = _common([urdf.chain(arm.tip) for arm in arms.values()]) if len(arms) == 2 else []
     chosen, more = _platform(urdf, carriers, platform)
     frozen = _frozen_slides(urdf, arms, carriers, chosen)
+    more += [
+        _note("rail", name=slide.joint, side=slide.arm, place=1e3 * slide.position)
+        for slide in frozen
+        if slide.arm
+    ]
     structure = Structure(arms, chosen, (*reasons, *more, *notes), frozen)
     _check_followers(urdf, structure)
     return structure

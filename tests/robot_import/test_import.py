@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import pty
 import re
@@ -114,7 +115,36 @@ def test_rounded_angles_are_made_exact(decimals: int, tmp_path: Path) -> None:
     path.write_text(re.sub(r'rpy="([^"]*)"', _rounded, text))
     found = imported(path)
     assert [arm.kind for arm in found.loaded.robot.arms] == ["srs", "srs"]
-    assert any("rounded angles" in reason for reason in found.reasons)
+    assert any(
+        "rounded angles of the URDF made exact multiples of a quarter turn: " in reason
+        and f"{math.pi / 2:.{decimals}f}" in reason
+        for reason in found.reasons
+    )
+
+
+def test_a_wrist_of_rounded_angles_is_spherical(tmp_path: Path) -> None:
+    """Six axes along z with 1.571 for quarter turns, as a maker writes them; and no collision shapes, which is said."""
+    poses = (
+        ("0 0 0.2", "0 0 0"),
+        ("0 0 0", "0 -1.571 -1.571"),
+        ("0.5 0 0", "0 0 1.571"),
+        ("0 -0.4 0", "1.571 0 0"),
+        ("0 0 0", "-1.571 0 0"),
+        ("0 -0.1 0", "1.571 0 0"),
+    )
+    rows = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/><axis xyz="0 0 1"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/><limit lower="-3" upper="3" velocity="2" effort="1"/></joint>'
+        f'<link name="l{k + 1}"/>'
+        for k, (xyz, rpy) in enumerate(poses)
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm"><link name="l0"/>{rows}</robot>')
+    found = imported(path)
+    assert [arm.kind for arm in found.loaded.robot.arms] == ["spherical_wrist"]
+    angles = "6 rounded angles of the URDF made exact multiples of a quarter turn: -1.571, 1.571"
+    assert angles in found.reasons
+    assert any("has no collision shapes" in reason for reason in found.reasons)
 
 
 def test_links_that_overlap_in_every_posture_are_found(tmp_path: Path) -> None:

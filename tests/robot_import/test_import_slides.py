@@ -81,17 +81,19 @@ def test_a_lift_below_a_waist_stands_and_the_waist_turns(tmp_path, sliding_robot
     assert plans(tmp_path) == 0
 
 
-def test_a_rail_of_one_arm_stands_and_may_be_its_first_joint(tmp_path, sliding_robots):
-    """Done as the comment says it is planned with numeric inverse kinematics."""
+def test_a_rail_of_one_arm_stands_and_may_be_its_first_joint(tmp_path, sliding_robots, capsys):
+    """Done as the comment says, `frozen:` left empty, it is planned with numeric inverse kinematics."""
     sliding_robots.write_robot(tmp_path, {"waist": None}, joints=6, own=sliding_robots.RAIL)
     robot, text = imported(tmp_path)
+    printed = capsys.readouterr().err
     assert robot.platform == ("waist",)
     for side in ("left", "right"):
+        assert f"{side}_slide: slides and carries the {side} arm; stands at 0 mm; " in printed
         assert f"# it carries the {side} arm, -1000 to 1500 mm" in text
         assert f"name it first in the joints of the {side} arm" in text
         text = text.replace(f"joints: [{side}_1,", f"joints: [{side}_slide, {side}_1,")
     file = tmp_path / "imported" / "robot.yaml"
-    file.write_text(re.sub(r"frozen:.*\n(  .*\n)+", "", text))
+    file.write_text(re.sub(r"(frozen:.*\n)(  .*\n)+", r"\1", text))
     robot = load_robot(str(file)).robot
     assert robot.sliding == {"left_slide", "right_slide"}
     assert plans(tmp_path) == 0

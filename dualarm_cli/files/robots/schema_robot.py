@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
+from pydantic import ConfigDict, Field, WithJsonSchema, field_validator, model_validator
 from pydantic.config import JsonDict
 
 from dualarm_cli.files.source import quantities
@@ -234,6 +234,12 @@ class RobotFile(Section):
         default_factory=list,
         description="Pairs of links that touch by assumption, as from `dualarm robot import`; each plan lists them.",
     )
+
+    @field_validator("frozen", mode="before")
+    @classmethod
+    def _without_joints(cls, frozen: Any) -> Any:
+        # As the import's comments say: the line of the last joint is deleted.
+        return {} if frozen is None else frozen
 
     @model_validator(mode="before")
     @classmethod
