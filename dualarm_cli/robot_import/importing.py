@@ -25,7 +25,7 @@ from dualarm_cli.files.robots.schema_robot import JERK_RULE
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements, moving_joints, read_urdf
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.robots.urdf_writer import origin_words, urdf_text
-from dualarm_cli.files.robots.visual_meshes import drawn_meshes, visual_meshes
+from dualarm_cli.files.robots.visual_meshes import drawn_meshes, stl_copies, visual_meshes
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.model.shape import Hull, Shape, VisualMesh
@@ -302,7 +302,10 @@ def _drawn(
     visuals: Sequence[VisualMesh],
 ) -> tuple[dict[str, bytes], dict[str, list[Element]]]:
     """Compose the files of simplified visual meshes, and the elements that show them by link."""
-    surfaces = drawn_meshes(visuals)
+    with tempfile.TemporaryDirectory() as folder:
+        copies = stl_copies((mesh.file for mesh in visuals), Path(folder))
+        visuals = [replace(mesh, file=copies.get(mesh.file, mesh.file)) for mesh in visuals]
+        surfaces = drawn_meshes(visuals)
     paths = {key: f"meshes/visual_{k}.stl" for k, key in enumerate(surfaces)}
     shown: dict[str, list[Element]] = {}
     for mesh in visuals:

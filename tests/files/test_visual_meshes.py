@@ -12,7 +12,7 @@ import pytest
 from dualarm_cli.cli.run import run
 from dualarm_cli.files.robots.mesh_formats import stl_bytes
 from dualarm_cli.files.robots.robots import load_robot
-from dualarm_cli.files.robots.visual_meshes import DRAWING, drawn_meshes
+from dualarm_cli.files.robots.visual_meshes import DRAWING, drawn_meshes, stl_copies
 from dualarm_cli.files.source.bundled import robots_folder
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.shape import Hull, VisualMesh
@@ -77,6 +77,17 @@ def test_what_cannot_be_read_is_left_out(content: bytes | None, tmp_path: Path) 
     if content is not None:
         file.write_bytes(content)
     assert drawn_meshes([mesh_of(file)]) == {}
+
+
+def test_other_formats_are_copied_and_unreadable_files_left_out(tmp_path: Path) -> None:
+    tetrahedron = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "good.obj").write_text(tetrahedron)
+    (tmp_path / "bad.dae").write_bytes(b"\0" * 50)
+    files = [tmp_path / name for name in ("good.obj", "bad.dae", "gone.ply")]
+    copies = stl_copies(files, tmp_path)
+    assert list(copies) == files[:1]
+    (surface,) = drawn_meshes([mesh_of(copies[files[0]])]).values()
+    assert volume(surface) == pytest.approx(1.0 / 6.0)
 
 
 @pytest.fixture

@@ -6,11 +6,15 @@ Simplification merges the corners in each cell of a grid.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
+from dualarm_cli.files.robots.mesh_formats import MeshError, stl_bytes, stl_corners
 from dualarm_cli.files.robots.meshes import element_pose, mesh_scale
 from dualarm_cli.files.robots.packages import PackageFinder
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
@@ -33,6 +37,8 @@ class DrawingLimits:
     """Cells along the diagonal of a mesh in the first attempt to simplify it."""
     coarser: float = 0.8
     """Ratio of the numbers of cells of two successive attempts."""
+    seconds: float = 60.0
+    """Longest time to convert the meshes of a robot to STL [s]."""
     fewest: int = 8
     """Cells along the diagonal below which a mesh is left out."""
 
@@ -61,7 +67,7 @@ def visual_meshes(urdf: Urdf, finder: PackageFinder) -> tuple[VisualMesh, ...]:
 
 
 def drawn_meshes(meshes: Sequence[VisualMesh]) -> dict[tuple[Path, tuple[float, ...]], Hull]:
-    """Read and simplify the files of visual meshes, each once; unreadable ones are left out.
+    """Read and simplify the STL files of visual meshes, each once; others are left out.
 
     Returns:
         Surfaces by file and scale; together they have at most `DRAWING.triangles` triangles if each is drawn as often
@@ -77,21 +83,52 @@ def drawn_meshes(meshes: Sequence[VisualMesh]) -> dict[tuple[Path, tuple[float, 
 
 
 def _surface(mesh: VisualMesh, most: int) -> Hull | None:
-    """Read a mesh file with at most `most` triangles, or None if unreadable."""
+    """Read an STL file with at most `most` triangles, or None if unreadable."""
+    try:
+        if mesh.file.suffix.lower() != ".stl" or mesh.file.stat().st_size > DRAWING.bytes:
+            return None
+        corners = stl_corners(mesh.file.read_bytes()) * np.array(mesh.scale)
+    except (OSError, MeshError):
+        return None
+    if len(corners) == 0 or not np.isfinite(corners).all():
+        return None
+    return _simplified(corners, np.arange(len(corners)).reshape(-1, 3), most)
+
+
+def stl_copies(files: Iterable[Path], folder: Path) -> dict[Path, Path]:
+    """Copy the meshes that are not STL to STL files in a folder; unreadable ones are left out.
+
+    Assimp reads them in a process of its own: some damaged files crash it or keep it busy for ever.
+
+    Returns:
+        Copies by file.
+    """
+    others = [file for file in dict.fromkeys(files) if file.suffix.lower() != ".stl"]
+    copies = {file: folder / f"{k}.stl" for k, file in enumerate(others)}
+    if copies:
+        names = [str(path) for pair in copies.items() for path in pair]
+        code = f"from {__name__} import convert; import sys; convert(sys.argv[1:])"
+        with suppress(subprocess.TimeoutExpired):
+            command = [sys.executable, "-c", code, *names]
+            subprocess.run(command, capture_output=True, timeout=DRAWING.seconds, check=False)
+    return {file: copy for file, copy in copies.items() if copy.is_file()}
+
+
+def convert(names: Sequence[str]) -> None:
+    """Convert mesh files to binary STL, given as source and copy in turn."""
     import coal
 
-    try:
-        if mesh.file.stat().st_size > DRAWING.bytes:
-            return None
-        model = coal.MeshLoader().load(str(mesh.file), np.array(mesh.scale))
-    except (OSError, ValueError, RuntimeError):
-        return None
-    corners = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
-    faces = [model.tri_indices(k) for k in range(model.num_tris)]
-    triangles = np.array([(f[0], f[1], f[2]) for f in faces], dtype=np.int64).reshape(-1, 3)
-    if len(triangles) == 0 or not np.isfinite(corners).all():
-        return None
-    return _simplified(corners, triangles, most)
+    for source, copy in zip(names[::2], names[1::2], strict=True):
+        with suppress(ValueError, RuntimeError, OSError):
+            if Path(source).stat().st_size > DRAWING.bytes:
+                continue
+            model = coal.MeshLoader().load(source, np.ones(3))
+            corners = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
+            faces = [model.tri_indices(k) for k in range(model.num_tris)]
+            triangles = np.array([(f[0], f[1], f[2]) for f in faces], dtype=np.int64)
+            whole = Path(f"{copy}.part")
+            whole.write_bytes(stl_bytes(Hull(corners, triangles.reshape(-1, 3))))
+            whole.rename(copy)
 
 
 def _simplified(corners: FloatArray, triangles: IntArray, most: int) -> Hull | None:
