@@ -98,7 +98,7 @@ def _surface(mesh: VisualMesh, most: int) -> Hull | None:
 def stl_copies(files: Iterable[Path], folder: Path) -> dict[Path, Path]:
     """Copy the meshes that are not STL to STL files in a folder; unreadable ones are left out.
 
-    Assimp reads them in a process of its own: some damaged files crash it or keep it busy for ever.
+    Assimp reads them in a process of its own: some damaged files crash it or never end.
 
     Returns:
         Copies by file.
