@@ -301,10 +301,10 @@ _STARTING = {
     "no_table": "no table was found for {robot}: at no height do all its arms reach one with tools that point straight "
     "down, collision-free and from its posture home; write the cell by hand, with targets that the tools can reach "
     "otherwise",
-    "no_room_for_table": "what the arms of {robot} reach with tools down is within the room that the robot takes "
-    "itself; write the cell by hand, or import the robot with narrower shapes (--convex-parts)",
-    "no_room_on_table": "the arms of {robot} reach a table, but there is no room on it for two rows of targets for "
-    "each arm, clear of the other one; `dualarm robot reach` shows what is reached. Write the cell by hand",
+    "no_room_for_table": "what {robot} reaches with tools down is within the room that the robot takes itself; "
+    "write the cell by hand, or import the robot with narrower shapes (--convex-parts)",
+    "no_room_on_table": "{robot} reaches a table, but there is no room on it for two rows of targets for each arm; "
+    "`dualarm robot reach` shows what is reached. Write the cell by hand",
 }
 _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E600": _ORDERS,

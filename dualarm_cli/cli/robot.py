@@ -48,7 +48,10 @@ FAMILIES = {
 """Descriptions of the closed forms of an arm with a spherical wrist."""
 RobotName = Annotated[
     str,
-    typer.Argument(help="A bundled robot's name, or a robot file.", autocompletion=complete_robot),
+    typer.Argument(
+        help="A bundled robot's name, a robot's folder, or a robot file.",
+        autocompletion=complete_robot,
+    ),
 ]
 
 

@@ -146,7 +146,7 @@ def _editor_line(kind: str) -> str:
 
 
 def _bare_cell(source: RobotSource) -> str:
-    return f"dualarm: cell/1\nrobot: {source.reference}\n"
+    return f"dualarm: cell/1\n{source.entry}\n"
 
 
 def cell_text(source: RobotSource, layout: Layout) -> str:
@@ -160,7 +160,7 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
     lines = [
         "# The cell: a robot, its tools, and what stands around it. Written by `dualarm init`: replace it by yours.",
         "dualarm: cell/1",
-        f"robot: {source.reference}",
+        source.entry,
         f"tools:                 # {grippers} on each flange; its tool centre point (tcp) has z along the tool",
     ]
     lines += [f"  {arm}: {_tool(tool)}" for arm, tool in layout.tools.items()]

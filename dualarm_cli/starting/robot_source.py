@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from dualarm_cli.errors import UsageError, did_you_mean
 from dualarm_cli.files.cells.cells import load_cell
@@ -30,6 +34,11 @@ class RobotSource:
     """Name of the robot in messages."""
     reasons: tuple[str, ...] = ()
     """Decisions of the robot import."""
+
+    @property
+    def entry(self) -> str:
+        """Entry `robot` of a cell file; the two robots of a pair have a line each."""
+        return f"robot: {self.reference}".replace(": \n", ":\n", 1)
 
 
 def robot_source(
@@ -92,8 +101,13 @@ def _pair(folder: Path) -> RobotSource:
         raise UsageError(f"--robot {folder}: {CELL_FILE} names one robot, {value}; name that one")
     files = _copied(path, read)
     del files[CELL_FILE]
-    lines = [f"\n  {side}: {json.dumps(member)}" for side, member in value.items()]
+    lines = [f"\n  {side}: {_flow(member)}" for side, member in value.items()]
     return RobotSource("".join(lines), files, str(folder))
+
+
+def _flow(value: Any) -> str:
+    """Write a value as YAML on one line."""
+    return yaml.safe_dump([value], default_flow_style=True, sort_keys=False, width=math.inf)[1:-2]
 
 
 def _copied(path: Path, read: Mapping[str, str]) -> dict[str, bytes]:

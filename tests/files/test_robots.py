@@ -296,6 +296,7 @@ def test_an_arm_with_a_joint_that_follows_another_one_is_refused(
         ("acceleration: 5", "acceleration: top speed in 0 s", "9:24: E200 'top speed in 0 s': the time must be at least 1 ms"),
         ("platform: [turn]", "platform: [turn]\nfrozen: {turn: 1}", "5:10: E300 'turn' belongs to the platform or an arm; to freeze it, take its name out there"),
         ("platform: [turn]", "platform: [turn]\nfrozen: {tur: 1}", "5:10: E300 the URDF moves no joint 'tur'; others that move: none"),
+        ("l1: 90 deg", "l1: 3.00001 rad", "14:23: E300 '3.00001 rad' is outside the limits of 'l1': -3 to 3 rad (-171.887338539 to 171.887338539 deg)"),
         ("l1: 90 deg", "l1: 190 deg", "14:23: E300 '190 deg' is outside the limits of 'l1': -3 to 3 rad (-171.887 to 171.887 deg)"),
         ("l1: 90 deg", "l_1: 90 deg", "14:19: E300 'l_1' is no joint of platform or arms, did you mean 'l1'?"),
         ("bent:", "free:", "14:12: E300 'free' cannot name a posture; it lets the planner choose the start"),

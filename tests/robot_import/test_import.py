@@ -359,7 +359,7 @@ def test_the_command_writes_a_folder_that_plans(
     assert run(["robot", "import", str(urdf), "--out", "mine"]) == 0
     out = capsys.readouterr()
     assert "left arm: left_0, left_1" in out.out + out.err
-    robot = load_robot(tmp_path / "mine/robot.yaml").robot
+    robot = load_robot("mine").robot
     (tmp_path / "cell.yaml").write_text(
         "dualarm: cell/1\nrobot: mine/robot.yaml\nclearance: 2 mm\n"
     )

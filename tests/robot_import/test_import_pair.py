@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 from dualarm_cli.cli.run import run
 from dualarm_cli.collision.solids import geometry_model, link_solids, pairs_that_must_keep_apart
@@ -18,6 +19,7 @@ from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.robot_import.importing import ImportRequest
 from dualarm_cli.robot_import.importing_pair import import_pair
+from dualarm_cli.starting.robot_source import robot_source
 
 
 @pytest.fixture
@@ -60,6 +62,12 @@ def test_two_urdfs_become_a_cell_whose_home_is_collision_free(urdfs: Path) -> No
     left_base, right_base = (data.oMi[joint].translation for joint in first)
     assert left_base[1] > right_base[1]
     assert _least_distance(cell) > 0.0
+    # A new project takes the two robots over: a line of YAML each, without quotes and trailing blanks.
+    entry = robot_source("mine").entry
+    assert entry.splitlines()[0] == "robot:"
+    assert '"' not in entry
+    written = yaml.safe_load((urdfs / "mine/cell.yaml").read_text())
+    assert yaml.safe_load(entry) == {"robot": written["robot"]}
 
 
 def test_the_same_robot_twice_is_written_once(urdfs: Path) -> None:

@@ -168,12 +168,16 @@ def joint_position(
     except QuantityError as error:
         findings.add(document, loc, str(error), "E200")
         return None
-    if not joint.lower - POSITION_SLACK <= position <= joint.upper + POSITION_SLACK:
-        span = f"{joint.lower:.6g} to {joint.upper:.6g} {dimension.unit}"
-        if joint.slides:
-            span += f" ({1e3 * joint.lower:.6g} to {1e3 * joint.upper:.6g} mm)"
-        else:
-            span += f" ({math.degrees(joint.lower):.6g} to {math.degrees(joint.upper):.6g} deg)"
+    beyond = max(joint.lower - position, position - joint.upper)
+    if beyond > POSITION_SLACK:
+        factor, unit = (1e3, "mm") if joint.slides else (math.degrees(1.0), "deg")
+        # A position that lies beyond a limit by rounding differs from it in late digits only.
+        digits = ".6g" if beyond > 1e-3 else ".12g"
+        spans = (
+            f"{scale * joint.lower:{digits}} to {scale * joint.upper:{digits}} {name}"
+            for scale, name in ((1.0, dimension.unit), (factor, unit))
+        )
+        span = "{} ({})".format(*spans)
         span += "".join(f", narrowed by {cause}" for cause in joint.narrowed)
         message = f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}"
         about = {"joint": joint.name, "value": position, "allowed": [joint.lower, joint.upper]}

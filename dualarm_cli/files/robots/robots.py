@@ -85,15 +85,18 @@ def load_robot(name_or_path: str | Path) -> LoadedRobot:
     """Read a bundled robot, or the robot in a robot file.
 
     Args:
-        name_or_path: a bundled robot's name, or the path of a robot file.
+        name_or_path: a bundled robot's name, the path of a robot file, or a folder with a robot.yaml.
 
     Raises:
         InputError: there is no such robot, or its files are wrong; every error at once.
     """
     reference = str(name_or_path)
+    path = Path(reference)
+    if path.is_dir() and reference not in bundled_robots():
+        path = path / ROBOT_FILE
+        reference = str(path)
     try:
         if isinstance(name_or_path, Path) or _is_path(reference):
-            path = Path(reference)
             place = RobotFilePlace(Project.of(path), path, reference)
         else:
             place = _find_bundled(Project(Path.cwd()), reference)
