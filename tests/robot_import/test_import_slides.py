@@ -40,7 +40,7 @@ def plans(folder: Path) -> int:
     )
     (folder / "tasks.yaml").write_text(TASKS)
     tasks, out = str(folder / "tasks.yaml"), str(folder / "out")
-    return run(["plan", tasks, "--out", out, "--force", "--effort", "quick"])
+    return run(["plan", tasks, "--out", out, "--force", "--effort", "quick", "-v"])
 
 
 def test_a_lift_of_both_arms_stands_and_its_comment_lets_it_move(tmp_path, sliding_robots, capsys):
