@@ -175,6 +175,7 @@ def test_the_verifier_loads_no_solver(clean, tmp_path):
             "records",
             "refusals",
             "registry",
+            "system",  # what only Linux has
             "verification",
         )
     }
