@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, get_args, get_origin, get_type_hints, is_typeddict
@@ -152,6 +153,35 @@ def test_samples_are_the_motion_at_equal_steps(found: Plan) -> None:
             schedule.sample(rate)
 
 
+@pytest.mark.parametrize("rate", [1e7, 1e12])
+def test_a_rate_with_more_samples_than_memory_has_room_for_is_refused(
+    found: Plan, rate: float
+) -> None:
+    """As by an export; the rate that the message names is allowed."""
+    for sample in (found.schedule.sample, found.schedule.to_dataframe):
+        with pytest.raises(UsageError, match="at most 250,000 are allowed") as error:
+            sample(rate)
+        assert f"rate of {rate:g} Hz" in str(error.value)
+    allowed = float(str(error.value).split()[-2])
+    assert 249_990 < len(found.schedule.sample(allowed).time) <= 250_001
+
+
+def test_a_trajectory_at_a_scalar_is_the_row_of_an_array(found: Plan) -> None:
+    """Python and numpy scalars, also beyond the ends."""
+    motion = found.schedule.trajectory
+    for time in (0.5, np.float64(0.5), np.array(0.5), 0, 1e3):
+        for row, rows in zip(motion.at(time), motion.at(np.array([time])), strict=True):
+            assert row.shape == (len(motion.joints),) and np.array_equal(row, rows[0])
+
+
+def test_jobs_plans_and_schedules_equal_themselves_alone(found: Plan) -> None:
+    """They are keys of dicts; a copy is another object."""
+    for record in (found, found.job, found.schedule):
+        assert record == record and {record: 1}[record] == 1
+        assert record != replace(record) and record != 1
+    assert found.job != load("01_first_pick")
+
+
 def test_a_tool_is_where_its_events_say_and_moves_as_its_jacobian_says(found: Plan) -> None:
     """Poses against the commanded targets, twists against central differences of poses."""
     schedule, h = found.schedule, 1e-5
@@ -167,9 +197,12 @@ def test_a_tool_is_where_its_events_say_and_moves_as_its_jacobian_says(found: Pl
             assert schedule.jacobian(arm, time) @ rates == pytest.approx(measured, abs=1e-4)
     with pytest.raises(UsageError, match=r"'middle'.*has left, right"):
         schedule.tool_pose("middle", 0.0)
-    for wrong in (-0.1, schedule.duration + 0.1, float("nan")):
-        with pytest.raises(UsageError, match="must be from 0 to"):
-            schedule.jacobian("left", wrong)
+    for function in (schedule.tool_pose, schedule.jacobian):
+        for wrong in (-0.1, schedule.duration + 0.1, float("nan")):
+            with pytest.raises(UsageError, match="must be from 0 to"):
+                function("left", wrong)
+        with pytest.raises(UsageError, match=r"shape \(2,\): must be one time \[s\]"):
+            function("left", np.array([0.1, 0.2]))  # type: ignore[arg-type]
 
 
 def test_objects_have_a_short_text_and_notebooks_show_figures_with_a_picture(

@@ -104,6 +104,23 @@ def test_changes_name_tasks_by_their_id() -> None:
         load("01_first_pick", {X.replace("left", "lft"): 0.47})
 
 
+def test_changes_may_be_arrays_scalars_of_numpy_and_tuples() -> None:
+    """Also within lists and mappings: as the same plain values."""
+    xyz = "tasks:/tasks/left part/pick/xyz"
+    for value in (
+        np.array([0.44, 0.2, 0.8]),
+        (0.44, np.float64(0.2), 0.8),
+        [np.array(0.44), 0.2, 0.8],
+    ):
+        job = load("01_first_pick", {xyz: value})
+        assert job.tasks[0].stops[0].target.pose.translation.tolist() == [0.44, 0.2, 0.8]
+    for number in (np.float32(0.5), np.int64(1)):
+        assert load("01_first_pick", {"tasks:/speed": number}).speed == number
+    pick = {"xyz": np.array([0.44, 0.2, 0.8]), "rpy": ("180 deg", 0, np.int64(0))}
+    job = load("01_first_pick", {"tasks:/tasks/0/pick": pick})
+    assert job.tasks[0].stops[0].target.pose.translation[0] == 0.44
+
+
 def test_many_plans_are_the_same_on_any_number_of_processes(found: Plan) -> None:
     """In the order of the jobs, byte for byte, with a job that has no plan among them."""
     jobs = [load("01_first_pick", {X: x}) for x in (0.45, 2.0, 0.47)]
@@ -160,6 +177,32 @@ def test_postures_reach_their_pose(found: Plan) -> None:
         inverse_kinematics(job, "middle", far)
     with pytest.raises(UsageError, match="must have 1 positions"):
         inverse_kinematics(job, "left", far, np.zeros(2))
+    from_matrix = inverse_kinematics(job, event.arm, event.pose.homogeneous)
+    assert np.array_equal(from_matrix, inverse_kinematics(job, event.arm, event.pose))
+
+
+def test_poses_and_platform_positions_that_make_no_sense_are_refused() -> None:
+    """Reflected, scaled, sheared or cut matrices; a platform at 400 deg."""
+    job, good = load("01_first_pick"), np.eye(4)
+    for entry, value, message in (
+        ((0, 0), -1.0, "no rotation matrix"),
+        ((0, 0), 2.0, "no rotation matrix"),
+        ((0, 1), 1e-3, "no rotation matrix"),
+        ((3, 0), 0.1, r"must be \[0, 0, 0, 1\]"),
+        ((0, 3), np.nan, "of finite numbers"),
+    ):
+        wrong = good.copy()
+        wrong[entry] = value
+        with pytest.raises(UsageError, match=message):
+            inverse_kinematics(job, "left", wrong)
+    for pose in (pin.SE3(np.eye(3), np.full(3, np.nan)), np.eye(3), "pose"):
+        with pytest.raises(UsageError, match="of finite numbers"):
+            inverse_kinematics(job, "left", pose)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="no rotation matrix"):
+        inverse_kinematics(job, "left", pin.SE3(2.0 * np.eye(3), np.zeros(3)))
+    for platform in (7.0, -7.0, float("nan"), float("inf")):
+        with pytest.raises(UsageError, match=r"torso_b1 .*: must be from"):
+            inverse_kinematics(job, "left", good, platform)
 
 
 def test_functions_are_those_of_the_commands(tmp_path: Path, found: Plan) -> None:

@@ -12,9 +12,6 @@ if TYPE_CHECKING:
     # The command line lists the formats in its help, and that loads no numpy.
     from dualarm_cli.formats.request import ExportRequest
 
-MAX_SAMPLES = 250_000
-"""Maximum number of samples of an export: a gigabyte of memory for fifteen joints."""
-
 
 def _always_supported(_: ExportRequest) -> str | None:
     return None
@@ -44,15 +41,12 @@ class ExportFormat:
 
     def why_unsupported(self, request: ExportRequest) -> str | None:
         """Explain why a request is unsupported, or return None."""
-        duration = request.schedule.duration
+        from dualarm_cli.model.schedule import too_many_samples
+
         if self.needs_job and request.job is None:
             return "the format shows the cell; name the task file"
-        if self.motion and duration * request.rate > MAX_SAMPLES:
-            return (
-                f"{duration:,.0f} s at a rate of {request.rate:g} Hz have {duration * request.rate:,.0f} samples; "
-                f"at most {MAX_SAMPLES:,} are written: ask for at most {MAX_SAMPLES / duration:.3g} Hz"
-            )
-        return self.refuses(request)
+        reason = too_many_samples(request.schedule.duration, request.rate) if self.motion else None
+        return reason or self.refuses(request)
 
 
 FORMATS: Mapping[str, ExportFormat] = {

@@ -52,9 +52,9 @@ Progress = Callable[[str], None]
 """Callback for progress messages."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan(ShownInNotebooks):
-    """Planned job with its schedule, verified independently."""
+    """Planned job with its schedule, verified independently. It equals only itself."""
 
     job: Job
     """Job that was planned."""

@@ -16,6 +16,7 @@ from dualarm_cli.files.source.bundled import CELL_FILE, ROBOT_FILE, bundled_robo
 from dualarm_cli.files.source.documents import read_document
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job
@@ -35,6 +36,8 @@ MOST_NODES = 400_000
 """Maximum number of points over all platform angles."""
 MAX_TILT = 90.0
 """Largest tilt [deg]."""
+ROUNDING = 1e-6
+"""Rounding tolerance of given rotations, and of platform positions [rad or m]."""
 
 
 def reach(
@@ -109,7 +112,10 @@ def reach_cell(robot: str) -> tuple[Cell, list[Note]]:
 
 
 def inverse_kinematics(
-    job: Job | Cell, arm: str, pose: pin.SE3, platform: FloatArray | float | None = None
+    job: Job | Cell,
+    arm: str,
+    pose: pin.SE3 | FloatArray,
+    platform: FloatArray | float | None = None,
 ) -> FloatArray:
     """Solve for postures of an arm whose tool centre point is at a pose.
 
@@ -119,14 +125,14 @@ def inverse_kinematics(
     Args:
         job: a job or cell.
         arm: name of the arm.
-        pose: pose of the tool centre point in the world.
+        pose: pose of the tool centre point in the world, also as a matrix of shape (4, 4).
         platform: positions of the platform's joints [rad or m]; None for those of the start posture, or home.
 
     Returns:
         Positions of the arm's joints, base to flange [rad], shape (k, n); k is 0 if none was found.
 
     Raises:
-        UsageError: unknown arm, or another number of platform joints.
+        UsageError: unknown arm, no pose, another number of platform joints, or positions beyond their limits.
     """
     cell = job.cell if isinstance(job, Job) else job
     model = CellModel.from_cell(cell)
@@ -139,8 +145,36 @@ def inverse_kinematics(
     if position.shape != (len(model.platform_columns),):
         count = len(model.platform_columns)
         raise UsageError(f"platform of shape {position.shape}: must have {count} positions")
+    limits = cell.robot.limits.select(cell.robot.platform)
+    for joint, value, least, most in zip(
+        limits.joints, position, limits.lower, limits.upper, strict=True
+    ):
+        if not (math.isfinite(value) and least - ROUNDING <= value <= most + ROUNDING):
+            raise UsageError(f"platform: {joint} {value:g}: must be from {least:g} to {most:g}")
     parts = model.arms[arm]
     R, p = model.platform.pose(position)
-    flange = pin.SE3(R, p).inverse() * pose * parts.T_flange_tcp.inverse()
+    flange = pin.SE3(R, p).inverse() * _pose(pose) * parts.T_flange_tcp.inverse()
     reached = parts.kinematics.postures(flange.rotation[None], flange.translation[None])
     return reached.q
+
+
+def _pose(given: pin.SE3 | FloatArray) -> pin.SE3:
+    """Convert a pose, or its matrix (4, 4), to a pose.
+
+    Raises:
+        UsageError: no pose.
+    """
+    try:
+        matrix = np.asarray(getattr(given, "homogeneous", given), dtype=np.float64)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise UsageError("pose: must be a pin.SE3 or a 4 x 4 matrix of finite numbers")
+    R = matrix[:3, :3]
+    rotated = np.allclose(product(R, R.T), np.eye(3), rtol=0.0, atol=ROUNDING)
+    # The third row of a rotation is the cross product of the others; that of a reflection is its opposite.
+    if not rotated or product(np.cross(R[0], R[1]), R[2]) < 0.0:
+        raise UsageError(f"pose: {R.tolist()} is no rotation matrix to {ROUNDING:g}")
+    if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=ROUNDING):
+        raise UsageError(f"pose: last row {matrix[3].tolist()}: must be [0, 0, 0, 1]")
+    return pin.SE3(R, matrix[:3, 3])

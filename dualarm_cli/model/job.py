@@ -284,9 +284,9 @@ class Task:
         return self.path is task.path and self.seam is task.seam
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Job(ShownInNotebooks):
-    """Cell and tasks."""
+    """Cell and tasks. A job equals only itself."""
 
     cell: Cell
     """Robot, tools and obstacles."""

@@ -28,6 +28,8 @@ DURATION = "duration"
 TOOL_SPEED = "tool_speed"
 """Bottleneck of a transfer that was slowed for the limit of tool speed."""
 SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam"]
+MAX_SAMPLES = 250_000
+"""Maximum number of samples of a motion: a gigabyte of memory for fifteen joints."""
 WORK_ENDS: Mapping[str, str] = {"path": "path", "seam": "seam_end"}
 """Kinds of segments in which a moving tool works, and the final event's action."""
 WaitReason = Literal[
@@ -250,6 +252,18 @@ class JointSamples:
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
 
+def too_many_samples(duration: float, rate: float) -> str | None:
+    """Explain why a motion [s] has too many samples at a rate [Hz], or return None."""
+    if duration * rate <= MAX_SAMPLES:
+        return None
+    # Rounded down: the rate that is named is allowed.
+    allowed = math.floor(1e3 * MAX_SAMPLES / duration) / 1e3
+    return (
+        f"{duration:,.0f} s at a rate of {rate:g} Hz have {duration * rate:,.0f} samples; "
+        f"at most {MAX_SAMPLES:,} are allowed: ask for at most {allowed:.10g} Hz"
+    )
+
+
 @lru_cache(maxsize=8)
 def _pinocchio_model(urdf: str) -> pin.Model:
     """Build the pinocchio model of a URDF."""
@@ -270,9 +284,9 @@ class Provenance:
     """Random seed."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Schedule(ShownInNotebooks):
-    """Plan of a job: motion, stages, segments and events."""
+    """Plan of a job: motion, stages, segments and events. It equals only itself."""
 
     robot: ScheduleRobot
     """Robot that executes it."""
@@ -321,10 +335,12 @@ class Schedule(ShownInNotebooks):
             rate: samples per second [Hz].
 
         Raises:
-            UsageError: a rate that is not above 0, or not finite.
+            UsageError: a rate that is not above 0, not finite, or above the limit that an export has too.
         """
         if not 0.0 < rate < math.inf:
             raise UsageError(f"rate {rate:g}: must be above 0 Hz")
+        if reason := too_many_samples(self.duration, rate):
+            raise UsageError(reason)
         time = np.arange(math.ceil(self.duration * rate)) / rate
         time = np.append(time[time < self.duration], self.duration)
         motion = self.trajectory
@@ -357,7 +373,7 @@ class Schedule(ShownInNotebooks):
             time: from 0 to the duration [s].
 
         Raises:
-            UsageError: unknown arm, or a time outside the motion.
+            UsageError: unknown arm, several times, or a time outside the motion.
         """
         return self._tool(arm, time)[0]
 
@@ -373,6 +389,8 @@ class Schedule(ShownInNotebooks):
         """Compute the pose and the Jacobian of a tool; see `tool_pose` and `jacobian`."""
         if arm not in self.robot.arms:
             raise UsageError(f"arm {arm!r}: {self.robot.name} has {', '.join(self.robot.arms)}")
+        if np.ndim(time) > 0:
+            raise UsageError(f"time of shape {np.shape(time)}: must be one time [s]")
         if not 0.0 <= time <= self.duration:
             raise UsageError(f"time {time:g} s: must be from 0 to {self.duration:g} s")
         model, motion, part = (

@@ -59,17 +59,17 @@ class Trajectory:
         jerk[~(step[:, 0] > 0)] = 0.0
         return frozen(jerk)
 
-    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate position, velocity and acceleration, each of shape (m, n).
+    def at(self, time: FloatArray | float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Evaluate position, velocity and acceleration, each of shape (m, n), or (n,) at one time.
 
         Times outside the knots are held at the ends. At a double knot the later one is used.
 
         Args:
-            time: instants [s], shape (m,).
+            time: instants [s], shape (m,), or one.
         """
         time = np.clip(np.asarray(time, dtype=np.float64), self.time[0], self.time[-1])
         index = np.searchsorted(self.time, time, side="right") - 1
-        dt = (time - self.time[index])[:, None]
+        dt = np.asarray(time - self.time[index])[..., None]
         q, v, a = self.position[index], self.velocity[index], self.acceleration[index]
         # At the last knot no time passes, so that the jerk before it may stand for the one after it.
         jerk = (

@@ -52,6 +52,14 @@ class Override:
         )
 
 
+def _plain(value: Any) -> Any:
+    """Convert arrays, numpy scalars and tuples to lists and plain numbers, at any depth."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
 class Overrides:
     """Replacements in the files of one job."""
 
@@ -72,7 +80,7 @@ class Overrides:
                 roles = ", ".join(ROLES)
                 message = f"{key} leads nowhere: write a file ({roles}), ':' and a JSON pointer"
                 raise InputError([Diagnostic(key, 0, 0, "E300", message)])
-            override = value if isinstance(value, Override) else Override(value)
+            override = value if isinstance(value, Override) else Override(_plain(value))
             self._by_role.setdefault(role, {})[pointer] = override
             self._unused[key] = override
 
