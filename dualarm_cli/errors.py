@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import field
 from difflib import get_close_matches
 from pathlib import Path
+from reprlib import repr as shortened
 from typing import Any
 
 from dualarm_cli.explanations import Explanation, explanations
@@ -121,17 +122,49 @@ class MissingDependencyError(UsageError):
         super().__init__(f"{library} is not installed: pip install 'dualarm[{extra}]'")
 
 
+ALLOWED: Mapping[str, str] = {
+    "job": "a Job; `load(…)` makes one",
+    "jobs": "several Jobs, such as `[load(…), load(…)]`",
+    **dict.fromkeys(
+        ("plan", "schedule", "before", "after"),
+        "a Plan, a Schedule or a path; `plan(job)` makes a Plan",
+    ),
+    "tasks": "a path, the name of a bundled job, or a mapping",
+    "changes": "a mapping by pointer, such as {'cell:/clearance': '3 mm'}",
+    "pointer": "text, such as 'cell:/clearance'",
+    "study": "the path of a study file",
+    "code": "text, such as 'E610'",
+}
+"""Allowed values of Python arguments, by name, for messages."""
+
+
+def check_type(name: str, value: object, *types: type) -> None:
+    """Refuse an argument in ALLOWED of a wrong type.
+
+    Args:
+        name: name of the argument.
+        value: value of the argument.
+        types: allowed types.
+
+    Raises:
+        UsageError: with the allowed values.
+    """
+    if not isinstance(value, types):
+        raise UsageError(f"{name} {shortened(value)}: must be {ALLOWED[name]}")
+
+
 def explain(code: str) -> Explanation:
     """Look up the explanation of an error code, such as E610.
 
     Raises:
         UsageError: unknown code.
     """
+    check_type("code", code, str)
     wanted, texts = code.strip().upper(), explanations()
     if wanted not in texts:
         guess = did_you_mean(wanted, list(texts)) or ";"
         raise UsageError(
-            f"there is no error code '{code}'{guess} `dualarm explain` lists all codes"
+            f"there is no error code '{code}'{guess} in a shell, `dualarm explain` lists all"
         )
     return texts[wanted]
 

@@ -25,6 +25,10 @@ class Explanation:
     page: str = ""
     """Page of the documentation on the subject, relative to `docs`."""
 
+    def __repr__(self) -> str:
+        """Name the fault in a line."""
+        return f"<Explanation: {self.title}>"
+
 
 @dataclass(frozen=True)
 class KindRefusals:

@@ -210,8 +210,13 @@ def test_objects_have_a_short_text_and_notebooks_show_figures_with_a_picture(
 ) -> None:
     """No URDF in a text; the picture is left out where matplotlib is not installed."""
     schedule = found.schedule
-    for shown in (found, schedule, found.job, schedule.robot, found.job.cell.robot):
+    exported, explained = dualarm_cli.export(found, "csv"), dualarm_cli.explain("E610")
+    for shown in (found, schedule, found.job, schedule.robot, exported, explained):
         assert len(repr(shown)) < 80
+    assert repr(found.job) == "<Job 01_first_pick of Yaskawa Motoman SDA10F: 2 tasks>"
+    assert repr(replace(found.job, inputs={})) == "<Job of Yaskawa Motoman SDA10F: 2 tasks>"
+    assert repr(exported) == f"<Export to csv: {len(exported.files)} files>"
+    assert repr(explained) == f"<Explanation: {explained.title}>"
     assert (
         repr(found)
         == f"<Plan of Yaskawa Motoman SDA10F: {found.cycle_time:.3f} s, 3 stages, verified>"
@@ -236,9 +241,22 @@ def test_curves_are_those_of_the_motion(found: Plan) -> None:
     time, values = axes.lines[0].get_data()
     knots = np.searchsorted(time, schedule.joint("left_s").time)
     assert values[knots] == pytest.approx(schedule.joint("left_s").acceleration[:, 0])
-    for quantity, joints in (("jerk", None), ("velocity", ["left_x"])):
+    for quantity, joints in (("jerk", None), ("velocity", ["left_x"]), ("velocity", [])):
         with pytest.raises(UsageError):
             schedule.plot(quantity, joints, axes)  # type: ignore[arg-type]
+
+
+def test_a_legend_covers_no_curve(found: Plan) -> None:
+    """Of all joints, within the figure; a joint may be named without a list."""
+    figure = Figure(layout="constrained")
+    axes = found.schedule.plot(axes=figure.subplots())
+    figure.draw_without_rendering()
+    legend, curves = axes.get_legend().get_window_extent(), axes.get_window_extent()
+    assert not legend.overlaps(curves)
+    assert curves.width > 0.6 * figure.bbox.width
+    assert figure.bbox.x1 >= legend.x1 and figure.bbox.y0 <= legend.y0
+    axes = found.schedule.plot(joints="left_s", axes=Figure().subplots())
+    assert [line.get_label() for line in axes.lines] == ["left_s"]
 
 
 def test_data_frames_have_the_samples(found: Plan) -> None:

@@ -18,6 +18,8 @@ from dualarm_cli import (
     OutputError,
     Plan,
     UsageError,
+    compare,
+    compare_solvers,
     explain,
     export,
     inverse_kinematics,
@@ -25,6 +27,8 @@ from dualarm_cli import (
     plan,
     plan_many,
     reach,
+    sweep,
+    verify,
 )
 from dualarm_cli.cli.run import command_line
 from dualarm_cli.errors import BlockedError, UnknownSolverError
@@ -225,6 +229,57 @@ def test_functions_are_those_of_the_commands(tmp_path: Path, found: Plan) -> Non
         export(found, "ros2").write(folder)
     with pytest.raises(UsageError, match="no format 'nps', did you mean 'npz'"):
         export(found, "nps")
-    with pytest.raises(UsageError, match="name the task file"):
+    with pytest.raises(UsageError, match=r"add the task file, in Python `job=load"):
         export(found.schedule, "gltf")
     assert explain("e610").title in run(command_line(), ["explain", "E610"]).stdout
+
+
+def test_wrong_values_are_refused_by_name(found: Plan) -> None:
+    """With what is allowed: numbers outside their range, words that do not exist."""
+    for call, message in (
+        (lambda: export(found, "npz", interpolation="spline"), "interpolation 'spline': choose"),
+        (lambda: export(found, "csv", interpolation="spline"), "linear, cubic, quintic"),
+        (lambda: reach(found.job, height=float("nan")), "height nan m: must be finite"),
+        (lambda: plan(found.job, seed=1.5), "seed 1.5: must be an integer from 0"),
+        (lambda: plan_many([], seed="a"), "seed 'a': must be an integer from 0"),
+        (lambda: plan(found.job, seed=-1), "seed -1: must be an integer from 0"),
+        (lambda: sweep("study.yaml", seed=0.5), "seed 0.5: must be an integer from 0"),
+        (lambda: compare_solvers(found.job, effort="much"), "effort 'much': choose one of"),
+        (lambda: explain("foo"), "no error code 'foo'; in a shell, `dualarm explain` lists all"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            call()
+
+
+def test_arguments_of_wrong_types_are_refused_by_name(found: Plan) -> None:
+    """With the function that makes the right one."""
+    job, pose = found.job, pin.SE3.Identity()
+    is_job, is_plan = r"must be a Job; `load\(…\)` makes one", r"must be a Plan, .* makes a Plan"
+    for call, message in (
+        (lambda: load(3), "tasks 3: must be a path, the name of a bundled job"),
+        (lambda: load("01_first_pick", [1]), r"changes \[1\]: must be a mapping"),
+        (lambda: load("01_first_pick", {1: 2}), "pointer 1: must be text"),
+        (lambda: plan("01_first_pick"), f"job '01_first_pick': {is_job}"),
+        (lambda: plan_many(job), "jobs <Job .*: must be several Jobs"),
+        (lambda: plan_many("ab"), f"job 'a': {is_job}"),
+        (lambda: verify(job), f"schedule <Job .*: {is_plan}"),
+        (lambda: verify(found.schedule, "01_first_pick"), f"job '01_first_pick': {is_job}"),
+        (lambda: compare(found, job), f"after <Job .*: {is_plan}"),
+        (lambda: compare_solvers("01_first_pick"), f"job '01_first_pick': {is_job}"),
+        (lambda: export(job, "csv"), f"plan <Job .*: {is_plan}"),
+        (lambda: explain(610), "code 610: must be text, such as 'E610'"),
+        (lambda: inverse_kinematics("01_first_pick", "left", pose), f"job '01.*: {is_job}"),
+        (lambda: sweep({"a": 1}), "study {'a': 1}: must be the path of a study file"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            call()  # type: ignore[no-untyped-call]
+
+
+def test_messages_of_write_name_its_arguments(tmp_path: Path, found: Plan) -> None:
+    """Not the options of the command."""
+    (tmp_path / "brk.py").touch()
+    with pytest.raises(OutputError, match=r"^folder .*brk.py: is a file; name a folder"):
+        found.write(tmp_path / "brk.py", page=False)
+    found.write(tmp_path / "plan", page=False)
+    with pytest.raises(OutputError, match=r"^folder .*already holds .*; pass force=True"):
+        found.write(tmp_path / "plan", page=False)

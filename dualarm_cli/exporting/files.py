@@ -31,7 +31,7 @@ def check_writable(folder: Path, force: bool, option: str = "--out") -> None:
     Args:
         folder: where to.
         force: whether a schedule that already exists may be replaced.
-        option: that names the folder.
+        option: option or Python argument that names the folder.
 
     Raises:
         OutputError: the folder cannot be made or holds results already, with what to do.
@@ -39,7 +39,7 @@ def check_writable(folder: Path, force: bool, option: str = "--out") -> None:
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{option} {folder}: is a file; name a folder")
     if not force:
-        _refuse_existing(folder, (SCHEDULE, URDF, REPORT, SAMPLES, EVENTS, TARGETS))
+        _refuse_existing(folder, (SCHEDULE, URDF, REPORT, SAMPLES, EVENTS, TARGETS), option)
     parent = folder
     while not parent.exists():
         parent = parent.parent
@@ -65,10 +65,10 @@ def write_schedule_set(
     Raises:
         OutputError: nothing could be written, or not everything; what was there is whole.
     """
-    check_writable(folder, force)
+    check_writable(folder, force, "folder")
     given = {URDF: [schedule.robot.urdf.encode()], **others}
     if not force:
-        _refuse_existing(folder, given)
+        _refuse_existing(folder, given, "folder")
     # Filled while the files are written; schedule.json, the last file, reads the hashes.
     hashes = dict.fromkeys(sorted(given), "")
     files = {name: _hashed(name, content, hashes) for name, content in given.items()}
@@ -85,13 +85,14 @@ def _hashed(name: str, content: Iterable[bytes], hashes: dict[str, str]) -> Iter
     hashes[name] = digest.hexdigest()
 
 
-def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
+def _refuse_existing(folder: Path, names: Iterable[str], option: str) -> None:
     """Raise OutputError if a folder already holds one of the files."""
     for name in names:
         if place_in(folder, name).exists():
             what = "a schedule" if name == SCHEDULE else f"a file {name}"
+            force = "add --force" if option.startswith("-") else "pass force=True"
             raise OutputError(
-                f"--out {folder}: already holds {what}; add --force to replace it, or name another"
+                f"{option} {folder}: already holds {what}; {force} to replace it, or name another"
             )
 
 

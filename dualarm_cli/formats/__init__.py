@@ -44,7 +44,7 @@ class ExportFormat:
         from dualarm_cli.model.schedule import too_many_samples
 
         if self.needs_job and request.job is None:
-            return "the format shows the cell; name the task file"
+            return "the format shows the cell; add the task file, in Python `job=load(…)`"
         reason = too_many_samples(request.schedule.duration, request.rate) if self.motion else None
         return reason or self.refuses(request)
 

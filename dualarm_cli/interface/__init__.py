@@ -7,13 +7,14 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from dualarm_cli.background import BackgroundCall, run_both
 from dualarm_cli.bound.job_bound import job_bound
-from dualarm_cli.errors import UsageError
+from dualarm_cli.errors import UsageError, check_type
 from dualarm_cli.exporting.cell_urdf import cell_urdf
 from dualarm_cli.exporting.files import REPORT, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
@@ -24,7 +25,7 @@ from dualarm_cli.model.blending import BLENDINGS
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.settings import PlanSettings, check_seed
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import planner
@@ -185,7 +186,13 @@ def load(tasks: str | Path | Mapping[str, Any], changes: Mapping[str, Any] | Non
 
     Raises:
         InputError: all faults of the files, with file, line and column (`diagnostics`).
+        UsageError: an argument of a wrong type.
     """
+    check_type("tasks", tasks, str, PathLike, Mapping)
+    if changes is not None:
+        check_type("changes", changes, Mapping)
+        for pointer in changes:
+            check_type("pointer", pointer, str)
     # Not imported by a process that plans a job read by another process.
     from dualarm_cli.files.tasks.tasks import load_job
 
@@ -225,6 +232,7 @@ def plan(
         UnsupportedError: method or solver that does not support this robot.
         UsageError: any other value that is not allowed.
     """
+    check_type("job", job, Job)
     settings = plan_settings(platform, redundancy, timing, blend, effort, seed, time_limit)
     return planned(job, settings, Watch(progress or (lambda _: None), time_limit))
 
@@ -252,6 +260,7 @@ def plan_settings(
             raise UsageError(f"{name} {value!r}: choose one of {', '.join(allowed)}")
     if time_limit is not None and not 0.0 < time_limit < math.inf:
         raise UsageError(f"time_limit {time_limit:g}: must be above 0 s")
+    check_seed(seed)
     settings = PlanSettings(
         timing=timing, blend=blend, effort=effort, seed=seed, time_limit=time_limit
     )
@@ -284,10 +293,11 @@ def verify(
 
     Raises:
         InputError: the file cannot be read.
+        UsageError: an argument of a wrong type.
     """
     if isinstance(schedule, Plan) and job is None:
         job = schedule.job
-    read = _schedule(schedule)
+    read = schedule_of(schedule, "schedule", job)
     result = judged(read, job, clearance=clearance and job is not None, both=run_both)
     files = _file_checks(Path(schedule), read, job) if isinstance(schedule, str | Path) else ()
     return replace(result, checks=(*result.checks, *_budget_checks(read, job, result), *files))
@@ -312,14 +322,30 @@ def compare(
     from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
     from dualarm_cli.report.comparison.schedule_comparison_table import schedules_sentence
 
-    document = compare_schedules(_schedule(before), _schedule(after), names)
+    first, second = schedule_of(before, "before"), schedule_of(after, "after")
+    document = compare_schedules(first, second, names)
     document["sentence"] = schedules_sentence(document)
     result: dict[str, Any] = printable(document)
     return result
 
 
-def _schedule(given: Schedule | Plan | str | Path) -> Schedule:
-    """Return the schedule of a plan or schedule, or read it from a path."""
+def schedule_of(
+    given: Schedule | Plan | str | Path, argument: str, job: Job | None = None
+) -> Schedule:
+    """Return the schedule of a plan or schedule, or read it from a path.
+
+    Args:
+        given: schedule, plan, or path of a plan's folder or schedule file.
+        argument: name of the Python argument.
+        job: cell and tasks that belong to it, or None.
+
+    Raises:
+        InputError: the file cannot be read.
+        UsageError: a value of a wrong type.
+    """
+    check_type(argument, given, Schedule, Plan, str, PathLike)
+    if job is not None:
+        check_type("job", job, Job)
     if isinstance(given, Plan):
         return given.schedule
     return given if isinstance(given, Schedule) else read_schedule(Path(given))
@@ -351,11 +377,12 @@ def compare_solvers(
     from dualarm_cli.planning.comparison import job_cases, run_cases
     from dualarm_cli.report.comparison.comparison import comparison_document, job_comparison
 
-    jobs = {"job": jobs} if isinstance(jobs, Job) else jobs
-    settings = PlanSettings(effort=effort, seed=seed)
+    jobs = jobs if isinstance(jobs, Mapping) else {"job": jobs}
+    settings = plan_settings(effort=effort, seed=seed)
     sections: list[dict[str, Any]] = []
     clock: list[dict[str, Any]] = []
     for name, job in jobs.items():
+        check_type("job", job, Job)
 
         def say(text: str, name: str = name) -> None:
             if progress is not None:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from dualarm_cli.errors import OutputError, UsageError, did_you_mean
-from dualarm_cli.exporting.schedule_reader import read_schedule
 from dualarm_cli.exporting.whole_files import place_in, replace_all
 from dualarm_cli.formats import FORMATS
 from dualarm_cli.formats import export as files_of
@@ -22,8 +21,8 @@ from dualarm_cli.formats.request import (
     columns_named,
 )
 from dualarm_cli.formats.sampling import JointLoss
-from dualarm_cli.geometry.interpolation import Interpolation
-from dualarm_cli.interface import Plan
+from dualarm_cli.geometry.interpolation import INTERPOLATIONS, Interpolation
+from dualarm_cli.interface import Plan, schedule_of
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Verification
@@ -49,6 +48,10 @@ class Export:
     """Verification of the exported schedule."""
     sliding: frozenset[str]
     """Names of the prismatic joints."""
+
+    def __repr__(self) -> str:
+        """Describe the export in a line."""
+        return f"<Export to {self.document['to']}: {len(self.files)} files>"
 
     def write(self, folder: str | Path, *, force: bool = False) -> Path:
         """Write the files and `export.json`, all or none; returns the folder.
@@ -99,11 +102,13 @@ def export(
     if to not in FORMATS:
         guess = did_you_mean(to, list(FORMATS)) or ";"
         raise UsageError(f"there is no format {to!r}{guess} formats are {', '.join(FORMATS)}")
+    if interpolation not in INTERPOLATIONS:
+        allowed = ", ".join(INTERPOLATIONS)
+        raise UsageError(f"interpolation {interpolation!r}: choose one of {allowed}")
     check_rate(rate)
     job = plan.job if isinstance(plan, Plan) and job is None else job
-    schedule = plan.schedule if isinstance(plan, Plan) else plan
-    shown = "plan" if isinstance(schedule, Schedule) else str(schedule)
-    schedule = schedule if isinstance(schedule, Schedule) else read_schedule(Path(schedule))
+    schedule = schedule_of(plan, "plan", job)
+    shown = "plan" if isinstance(plan, Plan | Schedule) else str(plan)
     if platform not in ("own", "both", *schedule.robot.arms):
         arms = ", ".join(schedule.robot.arms)
         raise UsageError(f"platform {platform}: the robot has no such arm: {arms}")

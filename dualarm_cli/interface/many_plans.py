@@ -12,7 +12,7 @@ from functools import partial
 from typing import TypedDict, Unpack
 
 from dualarm_cli.background import usable_cores
-from dualarm_cli.errors import DualArmError, InfeasibleError, UsageError
+from dualarm_cli.errors import DualArmError, InfeasibleError, UsageError, check_type
 from dualarm_cli.interface import Plan, Progress, plan_settings, planned
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
@@ -57,7 +57,10 @@ def plan_many(
     """
     if processes is not None and processes < 1:
         raise UsageError(f"processes {processes}: must be at least 1")
+    check_type("jobs", jobs, Iterable)
     settings, queued = plan_settings(**options), list(jobs)
+    for job in queued:
+        check_type("job", job, Job)
     count = min(processes or usable_cores(), len(queued))
     plans: dict[int, Plan | InfeasibleError] = {}
     work = partial(_plan, settings=settings)

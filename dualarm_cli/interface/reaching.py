@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.errors import UsageError
+from dualarm_cli.errors import UsageError, check_type
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.files.source.bundled import CELL_FILE, ROBOT_FILE, bundled_robots
@@ -59,7 +59,7 @@ def reach(
 
     Raises:
         InputError: the file cannot be read.
-        UsageError: a tilt or spacing that is not allowed.
+        UsageError: a height, tilt or spacing that is not allowed.
     """
     cell = robot.cell if isinstance(robot, Job) else robot
     cell = cell if isinstance(cell, Cell) else reach_cell(str(cell))[0]
@@ -67,6 +67,8 @@ def reach(
         raise UsageError(
             f"tilt {math.degrees(tilt):g} deg: must be between -{MAX_TILT:g} and {MAX_TILT:g} deg"
         )
+    if height is not None and not math.isfinite(height):
+        raise UsageError(f"height {height:g} m: must be finite")
     here = region(cell)
     platform = platform_positions(cell)
     spacing = here.step if step is None else step
@@ -134,6 +136,7 @@ def inverse_kinematics(
     Raises:
         UsageError: unknown arm, no pose, another number of platform joints, or positions beyond their limits.
     """
+    check_type("job", job, Job, Cell)
     cell = job.cell if isinstance(job, Job) else job
     model = CellModel.from_cell(cell)
     if arm not in model.arms:

@@ -15,7 +15,7 @@ from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.part_flow import Buffer, Handover, OnBelt
-from dualarm_cli.model.place import NOWHERE, Place
+from dualarm_cli.model.place import NOWHERE, Place, tasks_name
 from dualarm_cli.model.process_work import PathWork, SeamWork
 from dualarm_cli.model.robot import JointLimits, Robot
 from dualarm_cli.records import ShownInNotebooks, dataclass
@@ -330,7 +330,8 @@ class Job(ShownInNotebooks):
 
     def __repr__(self) -> str:
         """Describe the job in a line."""
-        return f"<Job of {self.cell.robot.name}: {len({task.id for task in self.tasks})} tasks>"
+        name, count = tasks_name(self.inputs), len({task.id for task in self.tasks})
+        return f"<Job {name and name + ' '}of {self.cell.robot.name}: {count} tasks>"
 
     @cached_property
     def limits(self) -> JointLimits:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import PurePosixPath
+
 from dualarm_cli.records import dataclass
 
 
@@ -28,3 +31,16 @@ class Place:
 
 NOWHERE = Place("", 0, 0)
 """Place of data that no file contains."""
+
+
+def tasks_name(inputs: Iterable[str]) -> str:
+    """Name a job by its task file, or by the folder of `tasks.yaml`.
+
+    Args:
+        inputs: names of the files that were read, the task file first.
+
+    Returns:
+        The name, empty for a job without files.
+    """
+    name = PurePosixPath(next(iter(inputs), ""))
+    return name.parent.name if name.stem == "tasks" else name.stem

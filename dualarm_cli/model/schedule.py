@@ -413,19 +413,19 @@ class Schedule(ShownInNotebooks):
     def plot(
         self,
         quantity: Literal["position", "velocity", "acceleration"] = "velocity",
-        joints: Sequence[str] | None = None,
+        joints: str | Sequence[str] | None = None,
         axes: Any = None,
     ) -> Any:
         """Draw a quantity of joints over time with matplotlib; returns the axes.
 
         Args:
             quantity: position, velocity or acceleration.
-            joints: names of joints; None for all.
+            joints: names of joints, or of one; None for all.
             axes: matplotlib axes to draw into; None for a new figure.
 
         Raises:
             MissingDependencyError: matplotlib is not installed.
-            UsageError: unknown quantity or joint.
+            UsageError: unknown quantity or joint, or no joint.
         """
         # Figures are a layer above: they are imported when one is drawn.
         figures: Any = import_module("dualarm_cli.report.figures.motion_figure")

@@ -3,9 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from numbers import Integral
 from typing import Any
 
+from dualarm_cli.errors import UsageError
 from dualarm_cli.records import dataclass
+
+MAX_SEED = 2**32 - 1
+"""Largest random seed."""
+
+
+def check_seed(seed: int) -> None:
+    """Refuse an unusable random seed.
+
+    Raises:
+        UsageError: no integer, or one outside the range.
+    """
+    if not (isinstance(seed, Integral) and 0 <= seed <= MAX_SEED):
+        raise UsageError(f"seed {seed!r}: must be an integer from 0 to {MAX_SEED}")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import PurePosixPath
 from typing import Any, cast, get_args
 
 import numpy as np
@@ -17,6 +16,7 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.lying import lying_parts
+from dualarm_cli.model.place import tasks_name
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment, Stage, WaitReason
 from dualarm_cli.model.verification import Verification
 from dualarm_cli.motion.waiting import MOVES
@@ -114,9 +114,7 @@ def throughput(schedule: Schedule, job: Job) -> float | None:
 
 def plan_title(schedule: Schedule) -> str:
     """Name a plan by its task file, by the folder of `tasks.yaml`, or by its robot."""
-    name = PurePosixPath(next(iter(schedule.provenance.inputs), ""))
-    title = name.parent.name if name.stem == "tasks" else name.stem
-    return title or schedule.robot.name
+    return tasks_name(schedule.provenance.inputs) or schedule.robot.name
 
 
 def relative_gap(schedule: Schedule) -> float | None:

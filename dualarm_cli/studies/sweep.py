@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from dualarm_cli.background import usable_cores
-from dualarm_cli.errors import UsageError
+from dualarm_cli.errors import UsageError, check_type
 from dualarm_cli.evaluation import crew
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.files.studies.studies import load_study
+from dualarm_cli.model.settings import check_seed
 from dualarm_cli.model.study import Point, Study
 from dualarm_cli.studies import search
 from dualarm_cli.studies.document import study_document
@@ -43,6 +45,8 @@ def sweep(
         MissingDependencyError: a search without optuna (extra `optimise`).
         UsageError: a number that is not allowed.
     """
+    check_type("study", study, str, PathLike)
+    check_seed(seed)
     for name, value in (("budget", budget), ("processes", processes)):
         if value is not None and value < 1:
             raise UsageError(f"{name} {value}: must be at least 1")

@@ -56,11 +56,11 @@ def test_folders_are_made_as_needed(schedule, tmp_path):
 def test_a_schedule_is_not_replaced_unasked(folder, schedule):
     """The old files stay; with force they are replaced."""
     before = contents(folder)
-    for action in (
-        lambda: check_writable(folder, False),
-        lambda: write_schedule_set(folder, schedule, OTHERS, False),
+    for action, force in (
+        (lambda: check_writable(folder, False), "add --force"),
+        (lambda: write_schedule_set(folder, schedule, OTHERS, False), "pass force=True"),
     ):
-        with pytest.raises(OutputError, match=r"already holds a schedule; add --force"):
+        with pytest.raises(OutputError, match=f"already holds a schedule; {force}"):
             action()
     assert contents(folder) == before
     write_schedule_set(folder, schedule, OTHERS, True)
@@ -73,7 +73,7 @@ def test_a_schedule_is_not_replaced_unasked(folder, schedule):
 def test_no_file_of_the_users_own_is_replaced_unasked(schedule, tmp_path, name):
     """`--out .` in a project that has a robot.urdf of its own."""
     (tmp_path / name).write_text("mine")
-    with pytest.raises(OutputError, match=f"already holds a file {name}; add --force"):
+    with pytest.raises(OutputError, match=f"already holds a file {name}; pass force=True"):
         write_schedule_set(tmp_path, schedule, OTHERS, False)
     assert contents(tmp_path) == {name: b"mine"}
 

@@ -18,12 +18,16 @@ DASHES = ("-", "--", ":", "-.", (0, (6, 1)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 3)
 """Line styles of the joints of a group, base first."""
 
 
-def plot_motion(schedule: Schedule, quantity: str, joints: Sequence[str] | None, axes: Any) -> Any:
+def plot_motion(
+    schedule: Schedule, quantity: str, joints: str | Sequence[str] | None, axes: Any
+) -> Any:
     """Draw a quantity of joints over time; see `Schedule.plot`."""
     if quantity not in UNITS:
         raise UsageError(f"quantity {quantity!r}: choose one of {', '.join(UNITS)}")
     robot, motion = schedule.robot, schedule.trajectory
-    shown = motion.joints if joints is None else joints
+    shown = motion.joints if joints is None else [joints] if isinstance(joints, str) else joints
+    if not shown:
+        raise UsageError(f"joints: names no joint; choose of {', '.join(motion.joints)}")
     if axes is None:
         try:
             import matplotlib.pyplot as plt
@@ -52,5 +56,6 @@ def plot_motion(schedule: Schedule, quantity: str, joints: Sequence[str] | None,
         unit for unit, slides in zip(UNITS[quantity], (False, True), strict=True) if slides in kinds
     )
     axes.set(xlabel="time [s]", ylabel=f"{quantity} [{units}]")
-    axes.legend(ncols=4, fontsize="small")
+    # Beside the curves, which fill the axes.
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
     return axes
