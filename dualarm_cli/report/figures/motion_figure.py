@@ -56,6 +56,6 @@ def plot_motion(
         unit for unit, slides in zip(UNITS[quantity], (False, True), strict=True) if slides in kinds
     )
     axes.set(xlabel="time [s]", ylabel=f"{quantity} [{units}]")
-    # Beside the curves, which fill the axes.
+    # Outside: curves fill the axes.
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
     return axes
