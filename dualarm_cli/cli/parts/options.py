@@ -49,7 +49,9 @@ PackageDirOption = Annotated[
 XacroArgOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--xacro-arg", metavar="NAME:=VALUE", help="Value of an argument of the xacro file."
+        "--xacro-arg",
+        metavar="NAME:=VALUE",
+        help="Value of an argument of the xacro file; of a pair also left:NAME:=VALUE.",
     ),
 ]
 
