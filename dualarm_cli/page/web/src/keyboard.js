@@ -30,7 +30,8 @@ export function helpOverlay(commands) {
   const rows = [
     ...commands.map(({ label, text }) => [label, text]),
     ["drag, right drag, wheel", "3-D view: orbit, pan, zoom"],
-    ["click", "timeline or row of a table: go to its time"],
+    ["drag, pinch, two fingers", "3-D view by touch: orbit, zoom, pan"],
+    ["click or tap", "timeline or row of a table: go to its time"],
     ["wheel, drag", "timeline: zoom, pan; Shift and wheel pan, Alt and wheel scroll"],
     ["double click", "timeline: zoom to the stage"],
   ];
@@ -40,7 +41,7 @@ export function helpOverlay(commands) {
   const dialog = element(
     "dialog",
     { class: "help", "aria-label": "Help" },
-    element("h2", {}, "Keys and pointer"),
+    element("h2", { tabindex: "-1", autofocus: "" }, "Keys, pointer and touch"),
     element("table", {}, element("tbody", {}, ...list)),
     button("Close", "Close", () => dialog.close()),
   );

@@ -93,7 +93,9 @@ export function reservations(plan) {
   const { report, joints } = plan;
   const assumed = joints.filter((joint) => joint.limits.source.includes("assumed")).length;
   const words = [];
-  if (assumed > 0) words.push(`limits of ${assumed === joints.length ? "all" : `${assumed} of ${joints.length}`} joints are assumed`);
+  const of = assumed === joints.length ? "" : ` of ${assumed} of ${joints.length} joints`;
+  if (assumed > 0) words.push(`acceleration and jerk limits${of} are assumed`);
+  if (report.bodies?.without_part?.length) words.push("parts not checked for collisions");
   if (report.smallest_clearance?.required === 0) words.push("no clearance required");
   return words;
 }

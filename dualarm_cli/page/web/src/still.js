@@ -45,8 +45,9 @@ export function still(plan, scene, work, { width, height }) {
   const cycle = `${fixed(scene.time, 1)} / ${seconds(plan.duration, 1)}${plan.closes ? " cycle" : ""}`;
   write(cycle, width - margin, middle, "right", "text", true);
   const { text, mark } = verdict(plan.report);
-  const words = [mark === "warn" ? "verified with exceptions" : text, ...reservations(plan)].join(" · ");
-  write(`${SIGNS[mark]} ${words}`, width / 2, middle, "center", mark);
+  const caveats = reservations(plan);
+  const words = [mark === "warn" ? "verified with exceptions" : text, ...caveats].join(" · ");
+  write(`${SIGNS[mark]} ${words}`, width / 2, middle, "center", mark === "good" && caveats.length ? "warn" : mark);
   armsOf(plan).forEach((arm, i) => {
     const y = margin + size * (0.6 + 1.35 * i);
     write(arm, margin, y, "left", `${arm}-text`, true);

@@ -28,7 +28,7 @@ test("without savings it shows nothing", () => {
 test("the header says which limits are assumed, and that nothing keeps bodies apart", () => {
   const joints = [{ limits: { source: "assumed" } }, { limits: { source: "urdf, jerk assumed" } }, { limits: { source: "datasheet" } }];
   const report = { smallest_clearance: { required: 0 } };
-  assert.deepEqual(reservations({ joints, report }), ["limits of 2 of 3 joints are assumed", "no clearance required"]);
-  assert.deepEqual(reservations({ joints: joints.slice(0, 2), report: {} }), ["limits of all joints are assumed"]);
+  assert.deepEqual(reservations({ joints, report }), ["acceleration and jerk limits of 2 of 3 joints are assumed", "no clearance required"]);
+  assert.deepEqual(reservations({ joints: joints.slice(0, 2), report: { bodies: { without_part: ["a"] } } }), ["acceleration and jerk limits are assumed", "parts not checked for collisions"]);
   assert.deepEqual(reservations({ joints: joints.slice(2), report: { smallest_clearance: { required: 0.01 } } }), []);
 });
