@@ -177,6 +177,7 @@ class _Arguments(dict[str, str]):
         super().__init__(given)
         self.names: set[str] = set()
         self.defaults: dict[str, str] = {}
+        self.missing = ""
 
     def __contains__(self, name: object) -> bool:
         """Check whether a declared argument has a value."""
@@ -192,7 +193,10 @@ class _Arguments(dict[str, str]):
         """Look up a value."""
         self.names.add(name)
         if not super().__contains__(name):
-            raise ValueError(f"it needs a value of {name}: add --xacro-arg {name}:=VALUE")
+            self.missing = (
+                f"it needs a value of its argument `{name}`: add --xacro-arg {name}:=VALUE"
+            )
+            raise ValueError(self.missing)
         return super().__getitem__(name)
 
 
@@ -224,7 +228,8 @@ def main(work: str, folders: Sequence[str]) -> None:
         document = xacro.process_file(request["file"], mappings=arguments)
         answer["text"] = document.toxml()
     except Exception as error:  # whatever its macros raise
-        answer["error"] = str(error) or type(error).__name__
+        # xacro repeats the text of an error, with the names of its types.
+        answer["error"] = arguments.missing or str(error) or type(error).__name__
     answer |= {"defaults": arguments.defaults, "arguments": sorted(arguments.names)}
     for values in request["sets"][1:]:
         try:

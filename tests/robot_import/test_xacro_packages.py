@@ -141,8 +141,8 @@ def test_an_argument_that_is_missing_or_unknown_is_named(tmp_path: Path) -> None
         '<xacro:arg name="name" default="ur"/><xacro:arg name="kind" default="5"/><link name="b"/>'
     )
     path.write_text(robot(content, "$(arg name)"))
-    needed = "it needs a value of name: add --xacro-arg name:=VALUE"
-    with pytest.raises(InputError, match=f"E400 xacro cannot expand it: .*{needed}"):
+    needed = "it needs a value of its argument `name`: add --xacro-arg name:=VALUE"
+    with pytest.raises(InputError, match=f"E400 xacro cannot expand it: {needed}(;|$)"):
         read_expanded(path)
     source = read_expanded(path, XacroInput({"name": "mine"}))
     assert read_urdf(source).root.name == "mine"
