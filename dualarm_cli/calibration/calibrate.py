@@ -71,7 +71,7 @@ class Side:
 
 
 def fit_tools_and_pose(sides: dict[str, Side], noise: float | None) -> JointFit:
-    """Fit tools and transform by Gauss-Newton: tip_left = R tip_right + t at every point.
+    """Fit tools and transform by Gauss-Newton: tip_left = R tip_right + t everywhere.
 
     The heights of the bases cannot be unknowns: raising all tips is a shift, which t absorbs.
 
@@ -211,7 +211,10 @@ class Calibration:
     tools: dict[str, ToolFit] = field(default_factory=dict)
     """Fitted tools by side."""
     second_joint: dict[str, float] = field(default_factory=dict)
-    """Height of the second joint's axis above the base, with the fitted height [m], by side."""
+    """Height of joint 2's axis above the base [m], by side.
+
+    It includes the fitted height.
+    """
     notes: tuple[Note, ...] = ()
     """Notes on the method for the reader."""
 

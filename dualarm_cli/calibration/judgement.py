@@ -127,7 +127,7 @@ def check_consistency(problem: CalibrationProblem, fitted: int = 0) -> Consisten
 
 
 def readings_apart(apart: FloatArray, noise: float | None, fitted: int) -> float | None:
-    """Compute the largest discrepancy of a robot's two readings [m], or None if noise explains it.
+    """Compute the largest discrepancy of two readings [m], or None within the noise.
 
     All points together and, by Bonferroni's bound, the worst point are compared with noise in both readings.
 

@@ -12,14 +12,14 @@ from dualarm_cli.refusals import Refusal
 
 @dataclass(frozen=True)
 class CalibrationSolution:
-    """Pose of the right robot's base in the left one's: p_left = R p_right + t."""
+    """Pose of the right base in the left: p_left = R p_right + t."""
 
     rotation: FloatArray
     """R_left_right, shape (3, 3)."""
     translation: FloatArray
     """Origin t of the right base in the left base frame [m], shape (3,)."""
     covariance: FloatArray | None
-    """Covariance of (t, rotation vector in the left base frame) [m, rad], shape (6, 6).
+    """Covariance of (t, rotation vector) in the left frame [m, rad], shape (6, 6).
 
     None if unknown.
     """

@@ -16,7 +16,9 @@ STEP = 1e-6
 
 
 def solve_frame(problem: CalibrationProblem) -> CalibrationSolution:
-    """Compute the relative pose from frames on the first three points ([Qin2024] Eq. 7 to 10).
+    """Compute the relative pose from frames on three points ([Qin2024] Eq. 7-10).
+
+    The first three points are used.
 
     Other points are ignored. The uncertainty is known only for stated noise: the method has no residuals to estimate it
     from.
@@ -81,7 +83,7 @@ def _covariance(problem: CalibrationProblem, R: FloatArray, t: FloatArray) -> Fl
 
 
 LOOSEST = np.pi / 2.0
-"""Half width of the rotation's 95 % interval from which the result is refused [rad]."""
+"""Least refused half width of the rotation's 95 % interval [rad]."""
 
 
 def solve_least_squares(problem: CalibrationProblem) -> CalibrationSolution:
@@ -149,7 +151,7 @@ def fit_rigid(left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def residual_variance(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Estimate the variance of a residual's coordinate [m^2]: sum of squares / (3 n - 6).
+    """Estimate a residual coordinate's variance [m^2]: sum of squares / (3 n - 6).
 
     Args:
         left: points in the left frame [m], shape (..., n, 3), n > 2.

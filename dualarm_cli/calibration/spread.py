@@ -42,7 +42,7 @@ def region_limit(degrees: int | None, count: int = 6) -> float:
 
 
 def half_widths(covariance: FloatArray, degrees: int | None) -> FloatArray:
-    """Compute the half widths (n,) of the intervals of single numbers from a covariance (n, n)."""
+    """Compute the interval half widths (n,) from a covariance (n, n)."""
     deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     widths: FloatArray = interval_factor(degrees) * deviations
     return widths
@@ -76,7 +76,10 @@ class SpreadSettings:
     share: float = 1e-4
     """Component in an unobservable direction above which a parameter is undetermined."""
     on_a_line: float = 1e-6
-    """Ratio of height to length below which points are on a line, for any noise."""
+    """Ratio of height to length below which points are collinear.
+
+    It applies for any noise.
+    """
     noise_factor: float = 3.0
     """Ratio of height to noise below which the height is insignificant."""
     scale_limit: float = 2.0

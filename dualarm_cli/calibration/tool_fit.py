@@ -1,4 +1,7 @@
-"""Fit of a tool and base height to joint readings: tip = p(q) + R(q) tool + height z."""
+"""Least-squares fit of tool and base height to joint readings.
+
+The model is tip = p(q) + R(q) tool + height z.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,10 @@ class Flanges:
     """p_base_flange [m], shape (n, 3)."""
 
     def tips(self, tool: FloatArray, height: float = 0.0) -> FloatArray:
-        """Compute the tips (n, 3) [m] of a tool (3,) [m], raised by a height [m]."""
+        """Compute the tips (n, 3) [m] of a raised tool (3,) [m].
+
+        `height` raises the tips along z [m].
+        """
         tips: FloatArray = self.position + self.rotation @ tool + np.array([0.0, 0.0, height])
         return tips
 
@@ -134,7 +140,9 @@ def fit_tool(
     fitted: tuple[str, ...],
     noise: float | None,
 ) -> ToolFit:
-    """Fit tool and base height by linear least squares: xyz = p(q) + R(q) tool + height z.
+    """Fit tool and base height by least squares.
+
+    The model xyz = p(q) + R(q) tool + height z is linear.
 
     Args:
         flanges: flange poses at n points.

@@ -34,7 +34,7 @@ NEAR = 0.008
 It grows in proportion to the number of samples that were skipped between the two."""
 
 Margins = Callable[[FloatArray, IntArray], FloatArray]
-"""Function from joints [rad], shape (n, columns), and held parts to margins [m], shape (n,)."""
+"""Function from joints (n, columns) [rad] and held parts to margins (n,) [m]."""
 
 
 @dataclass(frozen=True)

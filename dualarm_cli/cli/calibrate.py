@@ -73,7 +73,7 @@ def calibrate_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Estimate the pose of the right robot's base in the left one's from touched points.
+    """Estimate the right robot's base pose in the left base from touched points.
 
     Exit code 3, without a file, for two points, points on a line, and readings that do not determine the transform.
     """

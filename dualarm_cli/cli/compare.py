@@ -106,7 +106,9 @@ def solvers_command(
     json_output: JsonOption = False,
     quiet: ResultOnlyOption = False,
 ) -> None:
-    """Plan the same work by every method: cycle time, gap to the bound, planning time, and the winner.
+    """Plan the same work by every method, and compare the plans.
+
+    The rows have cycle time, gap to the bound and planning time; the winner is named.
 
     --out writes comparison.json, comparison.csv and comparison.png. Wall-clock times are in the JSON's last member and
     the CSV's last column only. Exit code 1 if the verifier fails a plan, 3 if a job has no plan by any method.
@@ -193,7 +195,10 @@ def _compare(
     plans: dict[PlanKey, dict[str, Any]] | None,
     quiet: bool,
 ) -> dict[str, Any]:
-    """Build the document of all jobs; add the data of the plans' pages to `plans`, if given."""
+    """Build the document of all jobs.
+
+    `plans`, if given, gets the data of the plans' pages.
+    """
     from functools import partial
 
     from dualarm_cli.interface import compare_solvers
@@ -343,7 +348,7 @@ def schedules_command(
 def _page_of_both(
     plans: tuple[Schedule, Schedule], paths: tuple[Path, Path], document: dict[str, Any]
 ) -> bytes:
-    """Build the page of two synchronised plans; each is verified again with its task file."""
+    """Build the page of two synchronised plans, each verified with its task file."""
     from dualarm_cli.cli.report import tasks_of
     from dualarm_cli.interface import Plan, load
     from dualarm_cli.page.page_data import page_data

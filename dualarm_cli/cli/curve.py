@@ -1,4 +1,7 @@
-"""`dualarm curve`: points of the curves of coordinate tasks for a controller, and their quality."""
+"""`dualarm curve`: points of curves for a controller, and their quality.
+
+The curves are those of coordinate tasks.
+"""
 
 from __future__ import annotations
 

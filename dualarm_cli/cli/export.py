@@ -86,7 +86,9 @@ def export_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Export a plan to ROS 2, Foxglove, NumPy and others, with its loss between samples.
+    """Export a plan to other formats, with its loss between samples.
+
+    The formats include ROS 2, Foxglove and NumPy.
 
     Exit code 1 if the plan fails its verification; the files are written.
     """

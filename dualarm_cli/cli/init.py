@@ -1,4 +1,7 @@
-"""`dualarm init`: a project that can be planned at once, for a bundled or an imported robot."""
+"""`dualarm init`: a project for a bundled or an imported robot.
+
+It can be planned at once.
+"""
 
 from __future__ import annotations
 

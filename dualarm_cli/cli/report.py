@@ -43,7 +43,7 @@ def report_command(
     open_page: OpenOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Write the page of a plan: report.html, in which the cell moves. The plan is verified again."""
+    """Verify a plan again, and write its page report.html with the moving cell."""
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.interface import Plan, load
     from dualarm_cli.model.schedule import ScheduleRobot

@@ -1,4 +1,7 @@
-"""`dualarm robot reach`: the part of a table that each arm and both arms reach."""
+"""`dualarm robot reach`: the part of a table within reach of the arms.
+
+It is shown for each arm and for both.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,10 @@ def reach_command(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the picture.")] = False,
     json_output: JsonOption = False,
 ) -> None:
-    """Show the part of a table that each arm and both arms reach, tools down."""
+    """Show the part of a table that each and both arms reach.
+
+    Tools point down.
+    """
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.files.source.quantities import ANGLE, LENGTH
     from dualarm_cli.interface.reaching import reach, reach_cell

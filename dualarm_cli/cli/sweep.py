@@ -295,7 +295,7 @@ def _write_pages(
     folder: Path,
     quiet: bool,
 ) -> None:
-    """Plan points again for their pages, and write these with an index of all points."""
+    """Plan points again, and write their pages with an index of all points."""
     from dualarm_cli.page.index_page import page_names, page_title, study_index
 
     before = desk.planned

@@ -1,4 +1,7 @@
-"""Clearance test of a cell, by arm, held objects and kind of motion; held objects are numbers of `Loads`."""
+"""Clearance test of a cell, by arm, held objects and kind of motion.
+
+Held objects are numbers of `Loads`.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,10 @@ class Load:
     on_line: bool = False
     """Whether it is on a stop's lines, where the part may touch standing objects."""
     is_handed: bool = False
-    """Whether it is handed over, so that the other tool and its load may touch it."""
+    """Whether the object is handed over.
+
+    The other tool and its load may touch it then.
+    """
     scene: int = 0
     """Index of the scene."""
 
@@ -97,7 +103,10 @@ class Loads:
         return np.where(handing[..., None], handed, self.on_lines(numbers))
 
     def fuller(self, before: IntArray, after: IntArray) -> IntArray:
-        """Return the numbers of the larger loads: a tool with a part exceeds the tool."""
+        """Return the numbers of the larger loads.
+
+        A tool with a part exceeds the tool.
+        """
         return np.maximum(before, after)
 
 

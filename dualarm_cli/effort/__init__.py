@@ -32,15 +32,24 @@ class StageEffort:
     short_steps: int = 20
     """Number of ruin-and-recreate steps in a short search; in long orders, of improved stretches."""
     whole: int = 30
-    """Maximum number of stages of an order improved as a whole; longer ones are improved in stretches as well."""
+    """Maximum number of stages of an order improved as a whole.
+
+    Longer ones are improved in stretches as well.
+    """
     full_stages: int = 60
-    """Number of stages from which an order gets all annealing rounds; shorter ones get a fraction."""
+    """Number of stages from which an order gets all annealing rounds.
+
+    Shorter ones get a fraction.
+    """
     least_share: float = 0.15
     """Least fraction of the annealing rounds, for short orders."""
     most_share: float = 1.6
     """Largest fraction of the annealing rounds, for long orders."""
     cooling_ratio: int = 8
-    """Ratio of the rounds of successive coolings; the last and slowest cooling has all rounds."""
+    """Ratio of the rounds of successive coolings.
+
+    The last and slowest cooling has all rounds.
+    """
     least_rounds: int = 100
     """Minimum number of rounds of the quick coolings before the last one."""
     warm: float = 0.02
@@ -181,9 +190,9 @@ class FreeEffort:
     rounds: int = 4
     """Number of improvements with penalties for the conflicts of the last order."""
     refined_ratio: float = 1.05
-    """Largest ratio of an angle's first objective to the best one's at which it is refined."""
+    """Largest first objective of a refined angle, relative to the best angle's."""
     conflict_wait: float = 1.5
-    """Extra time of a stop that conflicts with all stops of the partner arm [s]."""
+    """Extra time of a stop in conflict with every partner stop [s]."""
     most_proven: int = 40
     """Maximum number of tasks for which a lower bound of all orders is computed."""
     waited: float = 0.1

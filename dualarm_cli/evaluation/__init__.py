@@ -1,1 +1,4 @@
-"""Planning and judging of many jobs, in processes or on a cluster, with stored results."""
+"""Planning and judging of many jobs in processes or on a cluster.
+
+Results are stored.
+"""

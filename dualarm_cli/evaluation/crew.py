@@ -91,7 +91,10 @@ class WorkerProcess:
             os.close(theirs)
 
     def give(self, attempt: Attempt, request: Request) -> None:
-        """Send a request; the death of the process is detected later, when it is read."""
+        """Send a request.
+
+        The death of the process is detected later, when it is read.
+        """
         self.attempt, self.first, self.since = attempt, None, time.monotonic()
         # Drop messages about earlier requests; the process appends at its file position.
         os.ftruncate(self._errors, 0)
@@ -315,7 +318,7 @@ class Crew:
         again: deque[Attempt],
         status: Status,
     ) -> list[tuple[int, Evaluation]]:
-        """End a dead or late process, and return its request if it is given up."""
+        """End a dead or late process; return its request if given up."""
         self._workers.remove(worker)
         ended = worker.end()
         if not worker.ready:

@@ -147,7 +147,7 @@ def _failed(request: Request, status: Any, findings: list[Finding]) -> Evaluatio
 
 
 def _located(error: InfeasibleError, case: str) -> Finding:
-    """Locate a finding at the first refusal with a place, or else at the case."""
+    """Locate a finding at the first refusal with a place, else the case."""
     for refusal in error.refusals:
         if refusal.place is not None and refusal.place.file:
             place = refusal.place.file, refusal.place.line, refusal.place.column

@@ -113,7 +113,9 @@ def digest(document: Any) -> str:
 
 @cache
 def programs() -> Mapping[str, str]:
-    """List versions of this package, its libraries and Python, and a hash of its code.
+    """List versions of package, libraries and Python, and a hash of the code.
+
+    The hash is of this package's code.
 
     The code is hashed because a version stays the same during development.
     """

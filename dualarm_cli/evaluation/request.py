@@ -80,7 +80,10 @@ class Request:
 
 
 def case_name(tasks: str | Path) -> str:
-    """Name a task file: relative to the working directory if inside it, with forward slashes."""
+    """Name a task file relative to the working directory if inside it.
+
+    The name has forward slashes.
+    """
     path = os.path.normpath(tasks)
     if os.path.isabs(path):  # noqa: PTH117
         inside = os.path.relpath(path)

@@ -143,7 +143,7 @@ class Store:
         self._move_in(self._place(kind, key), canonical(entry).encode())
 
     def _move_in(self, place: Path, data: bytes) -> None:
-        """Write a file to a temporary place, flush it to the disk, and move it.
+        """Write a file to a temporary place, flush it, and move it.
 
         Raises:
             OSError: it cannot be written.

@@ -31,7 +31,7 @@ class CellUrdf:
 
 
 def cell_urdf(cell: Cell) -> CellUrdf:
-    """Build the URDF of a cell; its moving joints are the robot's, in their order.
+    """Build the URDF of a cell, with the robot's moving joints in order.
 
     Tools are links fixed to the flanges, `left_tcp` and `right_tcp` stand for tool centre points, and obstacles are
     fixed to the robot's root link, whose pose in the cell is in `schedule.json`. Changed tools and carried parts come

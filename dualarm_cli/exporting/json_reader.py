@@ -42,7 +42,10 @@ JSON = ReadingLimits()
 
 
 class JsonStream:
-    """Stream of the values of a JSON text; NaN and infinities are allowed, as in Python's reader."""
+    """Stream of a JSON text's values.
+
+    NaN and infinities are allowed, as in Python's reader.
+    """
 
     def __init__(
         self, file: BinaryIO, make_object: Callable[[list[tuple[str, Any]]], dict[str, Any]]
@@ -65,7 +68,10 @@ class JsonStream:
         return self._before + self._at
 
     def line_of(self, error: json.JSONDecodeError) -> int:
-        """Compute the line in the file, counted from 1, of an error of this stream."""
+        """Compute the line in the file of a stream error.
+
+        Lines are counted from 1.
+        """
         return self._lines + error.lineno
 
     def peek(self) -> str:

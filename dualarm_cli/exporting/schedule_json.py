@@ -163,7 +163,7 @@ def _limits(limits: JointLimits) -> dict[str, Any]:
 
 
 def _pose(pose: pin.SE3) -> dict[str, list[float]]:
-    """Encode a pose: xyz [m], and quaternion x, y, z, w with w ≥ 0."""
+    """Encode a pose: xyz [m], and quaternion xyzw with w ≥ 0."""
     quaternion = pin.Quaternion(pose.rotation).coeffs()
     if quaternion[3] < 0:
         quaternion = -quaternion

@@ -89,7 +89,7 @@ def replace_all(folder: Path, files: Mapping[str, Iterable[bytes]]) -> None:
 
 @contextlib.contextmanager
 def _temporary_file(place: Path, content: Iterable[bytes]) -> Iterator[Path]:
-    """Write a locked temporary file next to a place, and remove it at the end."""
+    """Write a locked temporary file next to a place; remove it at the end."""
     handle, name = tempfile.mkstemp(prefix=f".{place.name}.", suffix=_PART, dir=place.parent)
     with os.fdopen(handle, "wb") as file:
         try:

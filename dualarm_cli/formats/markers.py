@@ -93,7 +93,7 @@ def _thing(
     request: ExportRequest,
     hulls: DrawnHulls,
 ) -> Iterator[tuple[int, Rows]]:
-    """Yield the markers of a part or a changed tool at each change of carrier."""
+    """Yield the markers of a part or changed tool at each new carrier."""
     steps = thing["keyframes"]
     ends = [*(step["time"] for step in steps[1:]), request.schedule.duration]
     for step, end in zip(steps, ends, strict=True):
@@ -122,7 +122,10 @@ def _marker(
     time: int,
     hulls: DrawnHulls,
 ) -> dict[str, Any]:
-    """Build the marker of a solid; a capsule becomes a cylinder of the same total length."""
+    """Build the marker of a solid.
+
+    A capsule becomes a cylinder of the same total length.
+    """
     frame, pose = holder
     pose = pose * _pose(solid)
     size, kind = solid["size"], solid["kind"]

@@ -1,4 +1,7 @@
-"""Export as a ROS 2 bag in MCAP, for `ros2 bag play`, RViz and Foxglove."""
+"""Export as a ROS 2 bag in MCAP, for RViz and Foxglove.
+
+`ros2 bag play` plays it.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +98,10 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
 
 
 def _streams(request: ExportRequest) -> list[Iterator[_Message]]:
-    """List the messages of each topic in order of time, built when they are written."""
+    """List the messages of each topic in order of time.
+
+    They are built when they are written.
+    """
     schedule, samples = request.schedule, request.samples()
     world, frames = link_frames(schedule.robot)
     return [

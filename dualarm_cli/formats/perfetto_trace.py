@@ -13,7 +13,7 @@ STAGES = "stages"
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Build one file with a track of stages, and a track per arm; times in µs."""
+    """Build a file with tracks of stages and of each arm [µs]."""
     schedule = request.schedule
     tracks = {STAGES: 1} | {arm: k for k, arm in enumerate(schedule.robot.arms, start=2)}
     process = {"name": "process_name", "ph": "M", "pid": 1, "args": {"name": schedule.robot.name}}

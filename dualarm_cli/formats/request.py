@@ -13,7 +13,7 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 
 PlatformController = Literal["own", "both", "left", "right"]
-"""Controller of the platform: its own, that of both arms, or that of one arm."""
+"""Controller of the platform: its own, both arms', or a single arm's."""
 Column = Literal["position", "velocity", "acceleration"]
 """Quantity of each joint in a table of samples."""
 COLUMNS: tuple[Column, ...] = ("position", "velocity", "acceleration")

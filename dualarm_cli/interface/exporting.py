@@ -1,4 +1,7 @@
-"""Plans in formats of other programs, as a function of Python; `dualarm export` calls it."""
+"""Plans in formats of other programs, as a function of Python.
+
+`dualarm export` calls it.
+"""
 
 from __future__ import annotations
 

@@ -38,7 +38,9 @@ def plan_many(
     progress: Progress | None = None,
     **options: Unpack[PlanOptions],
 ) -> list[Plan | InfeasibleError]:
-    """Plan jobs in parallel processes; each plan is that of `plan`, for any number of processes.
+    """Plan jobs in parallel processes.
+
+    Each plan is that of `plan`, for any number of processes.
 
     An interrupt ends after the jobs that are being planned.
 

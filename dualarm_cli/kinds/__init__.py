@@ -1,4 +1,7 @@
-"""Kinds of work besides picks, places and moves: one folder each, and the list of them."""
+"""Kinds of work besides picks, places and moves, and their list.
+
+Each has a folder here.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "tool_change": (),
     "buffer": (),
 }
-"""Kinds, each a folder here, with the features that this version does not combine with it.
+"""Kinds of work by folder name, with the features unsupported with each.
 
 A feature is another kind in the same file, `mode: free`, a task with a time window, `arm: any` of such a
 task itself, and a sequence. Picks, places and bare moves belong to the core.
@@ -26,7 +29,7 @@ a sequence. Picks, places and bare moves are the core's own.
 
 
 def of_kinds(name: str, apart_from: str | None = None) -> list[Any]:
-    """Load one constant of every kind that has it, in the order of the list.
+    """Load a constant of every kind that has it, in the list's order.
 
     `of_kinds("checks")` is the constant CHECKS of each `kinds/<kind>/checks.py`. They are imported on
     demand: the verifier loads checks and no planner, and a module can load kinds that import it.

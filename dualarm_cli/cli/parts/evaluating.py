@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 def progress_bar(
     title: str, total: int, quiet: bool
 ) -> Iterator[Callable[[int, str], None] | None]:
-    """Show a progress bar on a terminal; yield its update function, or None without a bar."""
+    """Show a progress bar on a terminal, and yield its update function.
+
+    None is yielded without a bar.
+    """
     console = None if quiet else stderr_console()
     if console is None or not console.is_terminal:
         yield None

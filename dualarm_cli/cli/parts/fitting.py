@@ -96,7 +96,9 @@ def _fits_without_lines(table: Table, console: Console) -> bool:
 
 
 def _share_room(table: Table, room: int) -> bool:
-    """Distribute the width left by numbers to columns of words; check that none is folded.
+    """Distribute the width left by numbers to columns of words.
+
+    Returns whether no word is folded.
 
     Args:
         table: whose columns get their widths.

@@ -1,4 +1,4 @@
-"""Help of commands in groups, with the values of options, defaults and examples; nothing is cut."""
+"""Help of commands in groups, with option values, defaults and examples, nothing cut."""
 
 from __future__ import annotations
 

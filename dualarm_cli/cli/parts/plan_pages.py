@@ -56,7 +56,9 @@ def refuse_pages(folder: Path | None, force: bool) -> None:
 def write_pages(
     folder: Path, index: bytes, plans: Mapping[str, tuple[str, str]], quiet: bool
 ) -> None:
-    """Write an index and its pages, the index last; remove pages of the earlier index.
+    """Write an index and its pages, and remove the earlier index's pages.
+
+    The index is written last.
 
     Args:
         folder: made if need be.

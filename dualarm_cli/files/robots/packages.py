@@ -31,9 +31,12 @@ class PackageFinder:
     beyond: bool = False
     """Whether an import searches: packages above the project, names in package.xml, absolute paths."""
     depth: int = 3
-    """Maximum depth of a package below a folder of packages, such as a workspace's `src`."""
+    """Maximum depth of a package below a folder, such as a workspace's `src`."""
     _stated: dict[tuple[Path, int], list[tuple[str, Path]]] = field(default_factory=dict)
-    """Packages below a folder down to a depth, with the names in their package.xml, once listed."""
+    """Packages by folder and depth, with their names in package.xml.
+
+    Each folder is listed once.
+    """
 
     def mesh(self, reference: str) -> Path:
         """Resolve a mesh reference to an existing file.

@@ -1,4 +1,4 @@
-"""Visual meshes of a URDF: where they are, and simplified copies of them to draw.
+"""Visual meshes of a URDF, and simplified copies to draw.
 
 They are decoration. A mesh that is missing or damaged is left out, never an error, and nothing is checked with it.
 Simplification merges the corners in each cell of a grid.
@@ -67,7 +67,9 @@ def visual_meshes(urdf: Urdf, finder: PackageFinder) -> tuple[VisualMesh, ...]:
 
 
 def drawn_meshes(meshes: Sequence[VisualMesh]) -> dict[tuple[Path, tuple[float, ...]], Hull]:
-    """Read and simplify the STL files of visual meshes, each once; others are left out.
+    """Read and simplify the STL files of visual meshes, each once.
+
+    Other formats are left out.
 
     Returns:
         Surfaces by file and scale; together they have at most `DRAWING.triangles` triangles if each is drawn as often
@@ -96,7 +98,9 @@ def _surface(mesh: VisualMesh, most: int) -> Hull | None:
 
 
 def stl_copies(files: Iterable[Path], folder: Path) -> dict[Path, Path]:
-    """Copy the meshes that are not STL to STL files in a folder; unreadable ones are left out.
+    """Copy meshes of other formats to STL files in a folder.
+
+    Unreadable meshes are left out.
 
     Assimp reads them in a process of its own: some damaged files crash it or never end.
 

@@ -65,7 +65,7 @@ class Project:
 
     @classmethod
     def in_memory(cls, tasks: Mapping[str, Any]) -> tuple[Project, Path]:
-        """Write a job's values as texts of files in the working directory, without storing them.
+        """Write a job's values as texts of unstored files in the working directory.
 
         Args:
             tasks: content of a task file; `cell` may be the content of a cell file.

@@ -33,7 +33,9 @@ COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 def read_poses(source: TextSource) -> list[pin.SE3]:
-    """Read poses from CSV columns x, y, z [m], qx, qy, qz, qw; one pose a line.
+    """Read poses from CSV columns x, y, z [m], qx, qy, qz, qw.
+
+    Each line is a pose.
 
     Args:
         source: the file.
@@ -117,7 +119,10 @@ class CurveReader:
         self._findings.add(self._document, loc, message, code)
 
     def frame(self, name: str | None, loc: Loc) -> pin.SE3 | None:
-        """Look up a frame's pose in the world (no name: the world); None after noting an error."""
+        """Look up a frame's pose in the world.
+
+        No name means the world. None after noting an error.
+        """
         self._default = None
         return self._frame(name, loc)
 

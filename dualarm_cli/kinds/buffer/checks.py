@@ -26,7 +26,7 @@ class _Change:
 
 
 def check_buffers(schedule: Schedule, job: Job | None) -> Check:
-    """Check that every pick finds a part in its buffer, and every place a free one.
+    """Check that picks find a part in their buffers, and places room.
 
     A place occupies its room from its event on, and its part can be taken after its dwell. A pick takes its part at its
     event, and its room is free after its dwell. At equal times, additions come first.
@@ -88,7 +88,10 @@ def _faults(name: str, changes: list[_Change], job: Job) -> list[tuple[float, st
 
 
 def _in_time(changes: list[_Change]) -> list[_Change]:
-    """Sort changes by time; within the tolerance, those that add a part or room come first."""
+    """Sort changes by time.
+
+    Within the tolerance, those that add a part or room come first.
+    """
 
     def due(change: _Change) -> float:
         gives = change.parts > 0 or change.taken < 0

@@ -55,7 +55,9 @@ def buffer_lines(report: dict[str, Any]) -> list[str]:
 
 
 def served_by(wait: Segment, schedule: Schedule, job: Job) -> Event | None:
-    """Find the event that ended a wait for a part or room; None if unknown.
+    """Find the event that ended a wait for a part or room.
+
+    None if unknown.
 
     It is the last event of the needed kind whose dwell was over by then.
     """

@@ -8,7 +8,9 @@ from dualarm_cli.orders.model.buffer_numbers import check_stage_levels
 
 
 def checked_levels(job: Job) -> Job:
-    """Check the buffer levels of a job in the order of its stages; return the job.
+    """Check a job's buffer levels in the order of its stages.
+
+    Returns the job.
 
     Raises:
         InfeasibleError: there is no part to take, or no room for one.

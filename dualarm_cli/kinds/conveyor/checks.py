@@ -1,4 +1,7 @@
-"""Checks of tools at targets on conveyors: with the part, in its window, straight in the belt's frame."""
+"""Checks of tools at targets on conveyors.
+
+A tool is with the part, in its window, and straight in the belt's frame.
+"""
 
 from __future__ import annotations
 
@@ -153,7 +156,7 @@ def _measure_event(
 def _in_belt(
     schedule: Schedule, model: ToolModel, event: Event, times: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute the tool's positions [m], (m, 3), and turns relative to the event's moving pose."""
+    """Compute tool positions (m, 3) [m] and turns in the event's moving pose."""
     R, p = model.poses(event.arm, schedule.trajectory.at(times)[0])
     part = event.pose.translation + (times - event.time)[:, None] * np.array(event.velocity)
     return product(p - part, event.pose.rotation), rotation_angle(product(event.pose.rotation.T, R))

@@ -1,4 +1,4 @@
-"""Measures of meetings with parts on conveyors: travel of the part, and waits for it."""
+"""Measures of meetings on conveyors: travel of parts, and waits for them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ DONE = {"pick": "picked", "place": "placed"}
 
 
 def conveyor_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
-    """List every pick and place on a conveyor as a JSON-ready row, in time order; SI units.
+    """List the picks and places on conveyors as JSON-ready rows [SI units].
+
+    They are in time order.
 
     `gone` is the part's travel from the pose of the file when the tool reached it, `within` the largest allowed travel,
     `waited` the arm's wait for the part.

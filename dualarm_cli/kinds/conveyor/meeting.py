@@ -1,4 +1,4 @@
-"""Meetings with parts on conveyors: from stages with resting targets to stages with moving ones."""
+"""Meetings with parts on conveyors: stages for resting targets become stages for moving ones."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ MEETING = MeetingSettings()
 
 @dataclass
 class MeetingTime:
-    """Search for the earliest time at which an arm is in time for a part.
+    """Search for the earliest time at which an arm meets a part.
 
     The part's place depends on that time, and so does the arm's arrival. The bracket shrinks by the method of false
     position.
@@ -119,7 +119,9 @@ class MeetingTime:
     """Earliest time known to be possible, and the arm's spare time for it [s]."""
 
     def note(self, arrival: float) -> bool:
-        """Record the arm's earliest arrival for a meeting at `time`; return whether the search is over.
+        """Record the arm's earliest arrival for a meeting at `time`.
+
+        Returns whether the search is over.
 
         Args:
             arrival: earliest arrival of the arm [s].
@@ -137,7 +139,10 @@ class MeetingTime:
         return spare <= MEETING.spare or self.time <= self.least
 
     def next(self) -> bool:
-        """Choose the next time to try; return False if even the last one is too early."""
+        """Choose the next time to try.
+
+        False if even the last one is too early.
+        """
         if self.possible is None:
             assert self.too_early is not None  # either has been recorded
             too_soon, late = self.too_early
@@ -177,7 +182,7 @@ def unfollowed(arm_stop: ArmStop, time: float, error: InfeasibleError) -> Refusa
 
 
 def no_time(stops: Iterable[ArmStop]) -> Refusal:
-    """Describe the failure to find times at which the arms of a stage meet their parts."""
+    """Describe the failure to find meeting times for a stage's arms and parts."""
     moving = [stop for stop in stops if stop.stop.belt is not None]
     which = [
         Refusal("stop_of", None, stop.task.id, stop.arm, data={"action": stop.stop.action})
@@ -280,7 +285,10 @@ class ConveyorMeeting:
         goal: FloatArray | None,
         clock: float,
     ) -> tuple[StagePlan, Motion]:
-        """Convert one stage to meet its parts; return it and its motion with all waits."""
+        """Convert a stage to meet its parts.
+
+        Returns it and its motion with all waits.
+        """
         search = {
             name: MeetingTime(belt.passes, belt.last, max(clock, belt.passes))
             for name, stop in plan.stops.items()

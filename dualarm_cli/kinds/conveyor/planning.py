@@ -84,7 +84,7 @@ def conveyor_notes(job: Job, duration: float) -> list[str]:
 
 
 def guessed(job: Job, share: float = 0.5) -> Job:
-    """Place every target on a conveyor where it is at a fraction of its window."""
+    """Place every target on a conveyor at a fraction of its window."""
     middles: dict[tuple[str, str], float] = {
         (task.id, stop.action): stop.belt.passes + share * (stop.belt.last - stop.belt.passes)
         for task in job.tasks
@@ -341,7 +341,9 @@ def _worst(
     shift: FloatArray,
     touching: Mapping[str, bool],
 ) -> tuple[str, str, float, int] | None:
-    """Find the pair of bodies that lacks most clearance, the lack [m] and the row.
+    """Find the pair of bodies that lacks most clearance.
+
+    Returns the pair, the lack [m] and the row.
 
     None if all are clear. Arms in `touching` may touch the part, without limit on their lines where the flag is set.
     """

@@ -76,7 +76,10 @@ def check_apart(
 
 
 def on_belt(reader: TaskReader, section: TargetSection, loc: Loc, stop: Stop) -> Stop:
-    """Attach the conveyor of a target to its stop; report errors and return a resting stop."""
+    """Attach a target's conveyor to its stop.
+
+    After an error is reported, the returned stop rests.
+    """
     assert isinstance(section, ConveyorTarget)  # the registry of kinds guarantees it
     if section.conveyor is None or section.passes is None or section.within is None:
         return stop

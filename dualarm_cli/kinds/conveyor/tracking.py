@@ -1,4 +1,7 @@
-"""Tracking of a conveyor: ramp to its velocity, approach, dwell in motion, retract, ramp to rest."""
+"""Tracking of a conveyor: ramp to its velocity, dwell, ramp to rest.
+
+The approach, the dwell and the retract are in motion between the ramps.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,10 @@ class TrackingSettings:
     checks_per_knot: int = 4
     """Number of instants per interval at which the tool is checked."""
     parts: tuple[int, ...] = (16, 32, 64, 128)
-    """Knots per phase that are tried until the tool stays with the part. Every change of jerk is at a knot."""
+    """Knots per phase, tried until the tool stays with the part.
+
+    Every change of jerk is at a knot.
+    """
     first_ramp: float = 0.04
     """First trial duration of every phase of motion at full speed [s].
 
@@ -76,7 +82,9 @@ TRACKING = TrackingSettings()
 
 
 def ramp_progress(share: FloatArray) -> FloatArray:
-    """Compute the normalised distance of a velocity ramp by two opposite jerks: 1/2 at 1.
+    """Compute the normalised distance of an S-shaped velocity ramp: 1/2 at 1.
+
+    The ramp has two opposite jerks.
 
     Arguments are fractions of time from 0 to 1.
     """
@@ -235,7 +243,10 @@ class Tracking:
         )
 
     def _motion(self, phases: TrackingPhases, parts: int) -> tuple[Trajectory, list[int]]:
-        """Join exact postures by a spline; return it and the knot at each edge of the phases."""
+        """Join exact postures by a spline.
+
+        Returns it and the knot at each edge of the phases.
+        """
         pieces, index = [np.zeros(1)], [0]
         edges = phases.edges
         for low, high in pairwise(edges.tolist()):
@@ -325,7 +336,10 @@ class Tracking:
         return float(speed.max()) / (1.0 - TRACKING.speed_margin)
 
     def _tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute flange rotations (m, 3, 3) and tool positions (m, 3) [m] in the base frame."""
+        """Compute flange rotations (m, 3, 3) and tool positions (m, 3) [m].
+
+        Both are in the base frame.
+        """
         R, p = self.problem.arm.forward(q)
         return R, p - product(R, self.problem.R_tool_flange.T, self.problem.p_tool_flange)
 

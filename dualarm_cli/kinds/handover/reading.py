@@ -1,4 +1,4 @@
-"""Hand-overs of task files: the giving tool's pose and the grip of the taking one."""
+"""Hand-overs of task files: giving tool's pose, and taking tool's grip."""
 
 from __future__ import annotations
 

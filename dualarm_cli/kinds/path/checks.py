@@ -99,7 +99,10 @@ def _model(cell: Cell) -> pin.Model:
 
 
 DIFFERENCE_STEPS = 4001
-"""Number of steps of a path. Its direction is a difference over one step to both sides."""
+"""Number of steps of a path, for its directions.
+
+A direction is a difference over a step to both sides.
+"""
 SPEED_WINDOW = 0.02
 """Time over which a tool's speed along its path is measured [s]."""
 NEWTON_STEPS = 4
@@ -242,7 +245,7 @@ def _pose_error(event: Event, path: ToolPath) -> float:
 
 
 def _excess_time(job: Job, work: PathWork, segment: Segment) -> float:
-    """Compute the time that a path takes beyond the longest allowed ramps [s], or 0.
+    """Compute a path's time beyond the longest allowed ramps [s], or 0.
 
     Defaults are an acceleration that takes `path_ramp` to the speed, and a jerk that takes `path_rise` to the
     acceleration. Between stops a double S from rest to rest ([Biagiotti2008] §3.4).

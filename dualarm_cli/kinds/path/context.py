@@ -46,7 +46,10 @@ class PathSettings:
     First the least speed within the window is taken, then a mean over the window.
     """
     cap_margin: float = 5e-4
-    """Fraction of a cap on the tools' speed that is kept free. Knots are joined by curves."""
+    """Fraction of a cap on the tools' speed that is kept free.
+
+    Knots are joined by curves.
+    """
     rise: float = 0.1
     """Time in which the acceleration is reached, where the file gives no jerk [s]."""
     longest: float = 0.15
@@ -76,12 +79,12 @@ PATH = PathSettings()
 
 @dataclass(frozen=True)
 class PathClock:
-    """Progress along a path over time, from rest to rest, with a stop at every corner."""
+    """Progress along a path over time, with stops at ends and corners."""
 
     starts: FloatArray
     """Start times of phases of constant jerk [s], shape (m,)."""
     states: FloatArray
-    """Length, speed, acceleration and jerk on the longest path at phase starts, shape (m, 4)."""
+    """Length, speed, acceleration, jerk at phase starts on the longest path, (m, 4)."""
     full: float
     """Duration of the path without local slowdown [s]."""
     duration: float
@@ -212,7 +215,7 @@ class PathClock:
 
 
 def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: float) -> Poses:
-    """Compute a tool's poses at instants, rotations (k, 3, 3) and positions (k, 3) [m].
+    """Compute tool poses at instants: rotations (k, 3, 3), positions (k, 3) [m].
 
     Where pieces meet without a corner but with different curvature (a line and an arc, say) the tool's acceleration
     would jump, and the joints' jerk be infinite. There the pose is replaced by its mean over a short time W, which
@@ -290,7 +293,7 @@ def _fade(count: int, joints: IntArray, stops: IntArray, half: int) -> FloatArra
 
 
 def _smooth(x: FloatArray) -> FloatArray:
-    """Evaluate a step from 0 to 1 over the unit interval with two continuous derivatives."""
+    """Evaluate a step from 0 to 1 over [0, 1], twice continuously differentiable."""
     x = np.clip(x, 0.0, 1.0)
     step: FloatArray = cube(x) * (10.0 - 15.0 * x + 6.0 * np.square(x))
     return step
@@ -380,7 +383,7 @@ class PathContext:
         )
 
     def critical_points(self, given: Mapping[str, FloatArray]) -> FloatArray:
-        """Compute the critical points of all arms in the carried frame [m], shape (a, 3).
+        """Compute all arms' critical points in the carried frame [m], shape (a, 3).
 
         Default: below the shoulder by the length of the upper arm, where a limp elbow hangs.
 

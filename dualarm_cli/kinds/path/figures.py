@@ -20,7 +20,10 @@ RATES = {
     "acceleration": "accelerations",
 }
 STYLES = {"left": ("tab:blue", 2.2, "-"), "right": ("tab:red", 1.2, (0, (4, 2)))}
-"""Colour, width and line of each arm. The thin line is visible on the wide one where both coincide."""
+"""Colour, width and line of each arm.
+
+Where both coincide, the thin line is visible on the wide one.
+"""
 
 
 def draw_paths(schedule: Schedule, job: Job, kind: str) -> bytes:
@@ -82,7 +85,10 @@ def _style(arm: str) -> dict[str, Any]:
 
 
 def _draw_trails(part: Any, path: PathSamples) -> None:
-    """Draw tools, elbows and, where springs pull, critical points, in space and along each axis."""
+    """Draw tools, elbows and critical points, in space and along each axis.
+
+    Critical points are drawn where springs pull.
+    """
     spatial = part.add_subplot(1, 4, 1, projection="3d")
     flat = [part.add_subplot(1, 4, k) for k in (2, 3, 4)]
     spatial.set_title("tools and elbows (dots: where they begin)", fontsize=10)
@@ -113,7 +119,7 @@ def _draw_trails(part: Any, path: PathSamples) -> None:
 
 
 def _draw_forces(axes: Any, path: PathSamples) -> None:
-    """Draw the contraction forces of virtual springs, and the least ones at the same poses."""
+    """Draw the springs' contraction forces, and the least ones at equal poses."""
     for m, arm in enumerate(path.arms):
         look = _style(arm)
         axes.plot(path.time, path.force[:, m], **look, label=arm)
@@ -143,7 +149,7 @@ def _draw_manipulability(axes: Any, path: PathSamples, *, together: bool = False
 
 
 def _draw_joints(axes: Any, path: PathSamples, job: Job, rate: str) -> None:
-    """Draw one rate of all following joints as a fraction of its limits, -1 to 1."""
+    """Draw a rate of all following joints over its limits, -1 to 1."""
     limits = job.limits
     values = getattr(path, rate)
     if rate == "position":

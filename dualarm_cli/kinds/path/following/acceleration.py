@@ -35,21 +35,31 @@ class AccelerationSettings:
     eta: float = 20.0
     """eta_1 of [Zhang2024] Eq. 23 [1/s]; eta_2 is a quarter of it."""
     jerk_share: float = 0.8
-    """Fraction of the jerk limits that is used. Accelerations are constant between instants, their curve is rougher."""
+    """Fraction of the jerk limits that is used.
+
+    Accelerations are constant between instants, their curve is rougher.
+    """
     kept_free: float = 5e-4
     """Margin to the position limits [rad]."""
     margin: float = 5e-3
     """Fraction of every limit that is kept free. Knots are joined by curves."""
     torque_share: float = 0.98
-    """Fraction of the torque limits that is used. Smoothing and curves between instants change accelerations a
-    little."""
+    """Fraction of the torque limits that is used.
+
+    Smoothing and curves between instants change accelerations a little.
+    """
     braking: float = 0.15
     """Least fraction of the duration in which self-motion dies out at the end."""
     least_braking: float = 0.8
-    """Least time in which self-motion dies out [s]. Paths shorter than twice that use half of their duration."""
+    """Least time in which self-motion dies out [s].
+
+    Paths shorter than twice that use half of their duration.
+    """
     order: float = 3.0
-    """Exponent of the remaining time in the decay of self-motion. With it velocity, acceleration and jerk end at
-    zero."""
+    """Exponent of the remaining time in the decay of self-motion.
+
+    With it velocity, acceleration and jerk end at zero.
+    """
 
 
 ACCELERATION = AccelerationSettings()
@@ -70,7 +80,10 @@ class Bounds:
     eta: FloatArray
     """eta_1 [1/s], shape (n,); eta_2 is a quarter."""
     printed: bool = False
-    """Whether Eq. 23 is used as printed, which brakes too late for the position limits."""
+    """Whether Eq. 23 is used as printed.
+
+    It brakes too late for the position limits.
+    """
 
     @classmethod
     def of(cls, problem: PathProblem) -> Bounds:
@@ -138,7 +151,7 @@ def braking_time(problem: PathProblem) -> float:
 
 
 def stoppable(problem: PathProblem) -> FloatArray:
-    """Compute the largest speeds of self-motion that can die out in time [rad/s], shape (n,).
+    """Compute the largest self-motion speeds that can die out [rad/s], shape (n,).
 
     In the braking time t, a speed v (remaining / t)³ starts with its largest acceleration 3 v / t and jerk 6 v / t².
     """
@@ -218,7 +231,9 @@ class AccelerationStep:
     def solve(
         self, q: FloatArray, qd: FloatArray, before: FloatArray, k: int
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Solve the step from one instant to the next; None if no accelerations are within bounds.
+        """Solve the step to the next instant.
+
+        None if no accelerations are within bounds.
 
         It consists of accelerations [rad/s²] and a correction of the joints [rad], each (n,).
 

@@ -1,4 +1,7 @@
-"""Path following by the arm angle: the posture path of least joint motion at a fixed platform."""
+"""Path following by the arm angle at a fixed platform.
+
+The posture path is that of least joint motion.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,10 @@ class Track:
     psi: FloatArray
     """Arm angles at the stations, continuous [rad], shape (m,)."""
     cost: float
-    """Sum of the squared joint motions over the speed limits, per fraction of the path [s²]."""
+    """Sum of squared joint motions over speed limits, per fraction [s²].
+
+    The fraction is that of the path.
+    """
 
 
 def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
@@ -118,7 +124,9 @@ def best_track(
     velocity: FloatArray,
     start: FloatArray | None = None,
 ) -> Track | None:
-    """Compute the arm angles of least joint motion along a path; None without a branch.
+    """Compute the arm angles of least joint motion along a path.
+
+    None without a branch.
 
     Args:
         arm: the arm.
@@ -134,7 +142,9 @@ def best_track(
 
 
 def coarse_tracks(arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray) -> list[Track]:
-    """Compute the grid's arm angles of least joint motion for each branch that follows, best first.
+    """Compute the grid's arm angles of least joint motion, by branch.
+
+    Branches that follow are sorted, best first.
 
     Args:
         arm: the arm.
@@ -148,7 +158,10 @@ def coarse_tracks(arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArra
 def _grid_tracks(
     arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray, start: FloatArray | None
 ) -> list[Track]:
-    """Compute the best track of every branch on the grid of arm angles, best first."""
+    """Compute each branch's best track on the grid of arm angles.
+
+    The best track comes first.
+    """
     grid: FloatArray = np.arange(TRACK.cells, dtype=np.float64) * (TURN / TRACK.cells)
     if start is not None:
         # The grid begins at the given arm angle.
@@ -170,7 +183,9 @@ def _grid_tracks(
 def _cheapest_tracks(
     scaled: FloatArray, q: FloatArray, allowed: BoolArray
 ) -> list[tuple[IntArray, int, float]]:
-    """Compute the cheapest path through all stations for every branch that has one, best first.
+    """Compute each branch's cheapest path through all stations.
+
+    The best comes first; branches without one are left out.
 
     A result has the cells (m,), the branch and the sum of squares.
 

@@ -66,7 +66,7 @@ def ended_by_limit(problem: PathProblem, moves: BoolArray | None = None) -> NoPa
 def _solve_instant(
     problem: PathProblem, q: FloatArray, k: int, moves: BoolArray
 ) -> FloatArray | None:
-    """Solve joints (n,) [rad] near given ones for the tools' poses at an instant, or None."""
+    """Solve joints (n,) [rad] near given ones for an instant's poses, or None."""
     limits, follows = problem.limits, np.flatnonzero(problem.follows)
     middle = 0.5 * (limits.lower + limits.upper)
     middle = np.where(np.isfinite(middle), middle, problem.start)
