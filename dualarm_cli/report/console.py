@@ -13,7 +13,7 @@ from rich.table import Table
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.schedule import WORK_ENDS
 from dualarm_cli.model.verification import exceptions
-from dualarm_cli.notes import Note, filled
+from dualarm_cli.notes import Note
 from dualarm_cli.report.printable import numbers
 
 NOTHING = "–"
@@ -28,12 +28,6 @@ SHOWN_LIMITS = 3
 """Maximum number of single limits in the sensitivity lines."""
 LONG_PLAN, SHOWN_STAGES = 12, 5
 """Length of long plans [stages], and number of their longest stages in the table."""
-ASSUMED = {
-    ("cell", "no_tool"): "no tool on {arm} arm",
-    ("cell", "no_clearance"): "clearance 0 mm",
-    ("dwell", "none"): "no dwell at {stops:# stop|# stops}",
-}
-"""Assumptions in short, by topic and key of their notes."""
 UNMET = (
     *(("order", key) for key in ("fixed", "ended_early")),
     *(("effort", key) for key in ("only", "interrupted")),
@@ -148,20 +142,8 @@ def result_lines(report: dict[str, Any]) -> list[str]:
     verdict = f"passed ({passed} checks){exceptions(verification['caveats'])}"
     if not verification["passed"]:
         verdict = f"FAILED: {'; '.join(failed)}"
-    assumed = f"; assumed: {', '.join(texts)}" if (texts := _assumptions(report)) else ""
+    assumed = f"; assumed: {', '.join(texts)}" if (texts := report["assumed"]) else ""
     return [*lines, f"verification: {verdict}{assumed}"]
-
-
-def _assumptions(report: dict[str, Any]) -> list[str]:
-    """List in short what the result assumes."""
-    counts = (
-        ("limits of #", "joint", report["assumed_limits"]),
-        ("no jerk limit of #", "joint", report["without_jerk_limit"]),
-        ("no shape of #", "part", report["bodies"]["without_part"]),
-    )
-    texts = [text.replace("#", _count(len(of), word)) for text, word, of in counts if of]
-    noted = [note for note in report["notes"] if _key(note) in ASSUMED]
-    return texts + [filled(ASSUMED[note.topic, note.key], note.data) for note in noted]
 
 
 def _key(note: str) -> tuple[str, str] | None:

@@ -234,3 +234,4 @@ class Report(TypedDict):
     verification: ReportVerification | None
     settings: dict[str, Any]
     notes: list[str]
+    assumed: list[str]

@@ -20,6 +20,7 @@ from dualarm_cli.model.place import tasks_name
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment, Stage, WaitReason
 from dualarm_cli.model.verification import Verification
 from dualarm_cli.motion.waiting import MOVES
+from dualarm_cli.notes import Note, filled
 from dualarm_cli.records import field_values
 from dualarm_cli.report.bodies import bodies, cell_notes
 from dualarm_cli.report.document import Report
@@ -32,6 +33,12 @@ from dualarm_cli.verification.tolerances import TOL
 
 SHORTEST_CYCLE = 1e-3
 """Shortest cycle with a meaningful throughput [s]."""
+ASSUMED = {
+    ("cell", "no_tool"): "no tool on {arm} arm",
+    ("cell", "no_clearance"): "clearance 0 mm",
+    ("dwell", "none"): "no dwell at {stops:# stop|# stops}",
+}
+"""Assumptions in short, by topic and key of their notes."""
 
 
 def build_report(schedule: Schedule, job: Job) -> Report:
@@ -91,7 +98,20 @@ def build_report(schedule: Schedule, job: Job) -> Report:
         "settings": dict(schedule.provenance.settings),
         "notes": [*cell_notes(job), *schedule.notes],
     }
+    members["assumed"] = _assumptions(members)
     return cast(Report, members)
+
+
+def _assumptions(members: Mapping[str, Any]) -> list[str]:
+    """List in short what the result assumes."""
+    counts = (
+        ("limits of {of:# joint|# joints}", members["assumed_limits"]),
+        ("no jerk limit of {of:# joint|# joints}", members["without_jerk_limit"]),
+        ("no shape of {of:# part|# parts}", members["bodies"]["without_part"]),
+    )
+    texts = [filled(text, {"of": of}) for text, of in counts if of]
+    noted = [n for n in members["notes"] if isinstance(n, Note) and (n.topic, n.key) in ASSUMED]
+    return texts + [filled(ASSUMED[note.topic, note.key], note.data) for note in noted]
 
 
 def _kind_rows(section: str, schedule: Schedule, job: Job) -> dict[str, Any]:

@@ -33,7 +33,7 @@ _TYPES: Mapping[str, dict[str, Any]] = {
 }
 """JSON Schema of each type of a member."""
 _MEMBERS: Mapping[str, str] = {
-    "texts": r"notes|assumed_limits|assumptions|without_jerk_limit|sliding_joints|robot\.(platform|groups\.<group>)|"
+    "texts": r"notes|assumed(_limits)?|assumptions|without_jerk_limit|sliding_joints|robot\.(platform|groups\.<group>)|"
     r".*\.(joints|tasks|bodies|arms|checked|without_shape|without_part|caveats)",
     "number": r"gap|blending\.share|grid_gap|order_grid_gap|elbow_imbalance|speed|"
     r".*\.(utilisation|speed_share|measured|allowed|value)|"

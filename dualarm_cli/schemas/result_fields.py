@@ -260,6 +260,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "assumed_limits": ("", "Joints whose acceleration or jerk limits are assumed."),
     "assumptions": ("", "Sentences that name the assumed limits."),
     "without_jerk_limit": ("", "Joints whose jerk is not limited: the robot file says `jerk: none`."),
+    "assumed": ("", "What the result assumes, in short."),
     "sensitivity[].joint": ("", "Joint; empty for all together."),
     "sensitivity[].limit": ("", "acceleration or jerk."),
     "sensitivity[].value": ("rad/s² or rad/s³", "The limit (m/s² or m/s³ of a joint that slides)."),

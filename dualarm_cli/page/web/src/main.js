@@ -9,7 +9,7 @@ import { readPlan } from "./data.js";
 import { button, element, toggle } from "./dom.js";
 import { helpOverlay, listenToKeys } from "./keyboard.js";
 import { Layout } from "./layout.js";
-import { reservations, verdict } from "./panels.js";
+import { assumed, verdict } from "./panels.js";
 import { begin, largePlayButton } from "./playing.js";
 import { compose, forwardKinematics } from "./poses.js";
 import { ReportView } from "./report_view.js";
@@ -195,7 +195,7 @@ function header(plan, reportButton, changeTheme, help) {
       element("span", { class: "cycle" }, seconds(report.cycle_time), report.closes ? " cycle" : ""),
       hourly && element("span", { class: "hourly" }, hourly),
       element("span", { class: `verdict ${mark}` }, text),
-      ...reservations(plan).map((words) => element("span", { class: "reservation" }, words)),
+      assumed(report) && element("span", { class: "reservation" }, assumed(report)),
     ),
     element("span", { class: "version" }, `dualarm ${plan.version}`),
     element("span", { class: "buttons" }, reportButton, button("◐", "Dark or light (d)", changeTheme), button("?", "Keys and pointer (?)", help)),

@@ -85,19 +85,11 @@ export function verdict(report) {
 }
 
 /**
- * Return what the plan's figures rest on, in a few words each: assumed limits, a clearance of zero.
- * @param {Plan} plan
- * @returns {string[]}
+ * Return the sentence on what the plan assumes; empty if nothing.
+ * @param {any} report
  */
-export function reservations(plan) {
-  const { report, joints } = plan;
-  const assumed = joints.filter((joint) => joint.limits.source.includes("assumed")).length;
-  const words = [];
-  const of = assumed === joints.length ? "" : ` of ${assumed} of ${joints.length} joints`;
-  if (assumed > 0) words.push(`acceleration and jerk limits${of} are assumed`);
-  if (report.bodies?.without_part?.length) words.push("parts not checked for collisions");
-  if (report.smallest_clearance?.required === 0) words.push("no clearance required");
-  return words;
+export function assumed(report) {
+  return report.assumed?.length ? `assumed: ${report.assumed.join(", ")}` : "";
 }
 
 /**

@@ -2,7 +2,7 @@
 
 import { colour } from "./colours.js";
 import { armsOf } from "./data.js";
-import { reservations, verdict } from "./panels.js";
+import { assumed, verdict } from "./panels.js";
 import { fixed, seconds } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
@@ -45,9 +45,9 @@ export function still(plan, scene, work, { width, height }) {
   const cycle = `${fixed(scene.time, 1)} / ${seconds(plan.duration, 1)}${plan.closes ? " cycle" : ""}`;
   write(cycle, width - margin, middle, "right", "text", true);
   const { text, mark } = verdict(plan.report);
-  const caveats = reservations(plan);
-  const words = [mark === "warn" ? "verified with exceptions" : text, ...caveats].join(" · ");
-  write(`${SIGNS[mark]} ${words}`, width / 2, middle, "center", mark === "good" && caveats.length ? "warn" : mark);
+  const caveat = assumed(plan.report);
+  const words = [mark === "warn" ? "verified with exceptions" : text, caveat].filter(Boolean).join(" · ");
+  write(`${SIGNS[mark]} ${words}`, width / 2, middle, "center", mark === "good" && caveat ? "warn" : mark);
   armsOf(plan).forEach((arm, i) => {
     const y = margin + size * (0.6 + 1.35 * i);
     write(arm, margin, y, "left", `${arm}-text`, true);

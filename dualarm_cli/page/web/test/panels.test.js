@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { reservations, savings, verdict } from "../src/panels.js";
+import { assumed, savings, verdict } from "../src/panels.js";
 
 test("the overview shows the time saved by blending", () => {
   const [blending] = savings({ cycle_time: 9, blending: { gain: 1, share: 0.1 } });
@@ -25,10 +25,7 @@ test("without savings it shows nothing", () => {
   assert.deepEqual(savings({ cycle_time: 9, blending: null }), []);
 });
 
-test("the header says which limits are assumed, and that nothing keeps bodies apart", () => {
-  const joints = [{ limits: { source: "assumed" } }, { limits: { source: "urdf, jerk assumed" } }, { limits: { source: "datasheet" } }];
-  const report = { smallest_clearance: { required: 0 } };
-  assert.deepEqual(reservations({ joints, report }), ["acceleration and jerk limits of 2 of 3 joints are assumed", "no clearance required"]);
-  assert.deepEqual(reservations({ joints: joints.slice(0, 2), report: { bodies: { without_part: ["a"] } } }), ["acceleration and jerk limits are assumed", "parts not checked for collisions"]);
-  assert.deepEqual(reservations({ joints: joints.slice(2), report: { smallest_clearance: { required: 0.01 } } }), []);
+test("the header has the assumptions of the report", () => {
+  assert.equal(assumed({ assumed: ["limits of 2 joints", "clearance 0 mm"] }), "assumed: limits of 2 joints, clearance 0 mm");
+  assert.equal(assumed({ assumed: [] }), "");
 });
