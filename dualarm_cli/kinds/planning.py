@@ -29,7 +29,7 @@ SECTION_START = "(where the section before ended)"
 """Name of the posture in which a section starts."""
 
 Section = tuple[Task, ...]
-"""Tasks that are planned together: one path or seam, or all tasks between two of them."""
+"""Tasks planned together: a path, a seam, or all tasks between two of these."""
 ToolPoses = Mapping[str, PoseTarget]
 """Poses of tools at rest, by arm; unknown poses are missing."""
 

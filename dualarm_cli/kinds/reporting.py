@@ -137,6 +137,6 @@ def travel_words(work: Mapping[str, Any]) -> str:
 
 
 def room_words(work: Mapping[str, Any]) -> str:
-    """Format the least distance of a joint from its limit, from a row of `joint_use`."""
+    """Format the least joint distance from a limit, from a `joint_use` row."""
     room = work["limit_room"]
     return f"{room * 1e3:.1f} mm" if work["limit_slides"] else f"{math.degrees(room):.1f} deg"

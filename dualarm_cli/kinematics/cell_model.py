@@ -134,7 +134,10 @@ class MeasuredRobot:
         )
 
     def why_false(self, arm: Arm) -> str:
-        """Explain why an arm is not of its stated kind, or return an empty string."""
+        """Explain why an arm is not of its stated kind.
+
+        Empty if it is.
+        """
         if arm.kind == "srs":
             geometry = self.srs(arm)
             return "" if geometry.is_srs(SRS_TOLERANCE) else self._false_srs(arm, geometry)
@@ -227,7 +230,10 @@ class CellModel:
         return self.platform.pose(position[..., self.platform_columns])
 
     def platform_angle(self, position: FloatArray) -> float | None:
-        """Return the angle of a platform of one joint at joints (n,) [rad], or None."""
+        """Return a single platform joint's angle at joints (n,) [rad], or None.
+
+        None for a platform that has not exactly one joint.
+        """
         angles = position[self.platform_columns]
         return float(angles[0]) if len(angles) == 1 else None
 

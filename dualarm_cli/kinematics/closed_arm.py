@@ -28,7 +28,10 @@ class ClosedArmSettings:
     """Tolerances and branches of arms with a closed form."""
 
     exact: float = 1e-12
-    """Deviation of a geometry from its family below which no polish is needed [m and rad]."""
+    """Deviation from the family below which no polish is needed [m, rad].
+
+    It is the deviation of a geometry from its family.
+    """
     branches: int = 8
     """Maximum number of postures of a pose, modulo whole turns."""
     singular: float = 1e-4
@@ -155,7 +158,9 @@ class ClosedArm(GeneralArm):
     def _polish(
         self, q: FloatArray, reachable: BoolArray, R: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, BoolArray]:
-        """Polish postures (b, 8, 6) by Newton steps, and drop those that miss their poses.
+        """Polish postures (b, 8, 6) by Newton steps, and drop misses.
+
+        A miss does not reach its pose.
 
         Right at a singularity rounding decides whether a posture exists.
         """
@@ -271,7 +276,10 @@ class ClosedArm(GeneralArm):
     def _clipped_miss(
         self, q: FloatArray, candidates: BoolArray, R: FloatArray, p: FloatArray
     ) -> FloatArray:
-        """Compute the least miss of branches (b, 8, 6) clipped to their limits, shape (b, 2)."""
+        """Compute the least miss of clipped branches (b, 8, 6), shape (b, 2).
+
+        Branches are clipped to their limits.
+        """
         R_now, p_now = self.forward(np.clip(q, self.lower, self.upper))
         e = pose_error(R_now, p_now, R[:, None], p[:, None])
         error = np.stack([norm(e[..., :3], axis=-1), norm(e[..., 3:], axis=-1)], axis=-1)

@@ -27,7 +27,10 @@ class ContinuationSettings:
     least_pivot: float = 1e-5
     """Determinant below which a posture is singular [m and rad]."""
     points_in_sequence: int = 16
-    """Maximum number of poses solved in sequence; the others are interpolated and solved at once."""
+    """Maximum number of poses solved in sequence.
+
+    The others are interpolated and solved at once.
+    """
     skeleton: int = 17
     """Maximum number of samples solved in sequence; further ones are solved at once."""
 

@@ -60,7 +60,7 @@ class Dynamics:
                 model.appendBodyToJoint(flange.parentJoint, inertia, flange.placement * tool.tcp)
         self._model, self._data = model, model.createData()
         self.limit: FloatArray = np.array(model.upperEffortLimit)[self._back]
-        """Largest torque of every joint [N m], 0 if the URDF has none, shape (n,)."""
+        """Largest joint torques [N m], shape (n,), 0 if the URDF has none."""
         masses = np.array([model.inertias[k].mass for k in range(1, model.njoints)])
         self._unknown = [
             robot.joints[j]

@@ -30,7 +30,10 @@ CIRCLE_STEP = np.radians(6.0)
 LINE_SAMPLES = 17
 """Samples of the line from a posture's pose to the start of a path."""
 CANDIDATES = 6
-"""Number of poses whose least distance is searched, by miss and by distance from axis 1."""
+"""Number of poses whose least distance is searched.
+
+They are chosen by miss, and by distance from axis 1.
+"""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ class GeneralArm(SerialChain, PostureSource):
         return feasible.reshape(p.shape[:-1]), miss.reshape(p.shape[:-1])
 
     def why_missed(self, miss: float) -> str:
-        """Return the key of the refusal for a miss [m], infinite if no rotation was met."""
+        """Return the refusal key of a miss [m], infinite without a met rotation."""
         return "flange_not_there" if np.isfinite(miss) else "point_not_turned"
 
     def fixed_point(self, R: FloatArray, p: FloatArray) -> FloatArray:

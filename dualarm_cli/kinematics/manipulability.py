@@ -87,6 +87,6 @@ def _stacked(S: FloatArray, moves: BoolArray) -> FloatArray:
 
 
 def _folded(plus: FloatArray, moves: BoolArray) -> FloatArray:
-    """Sum the rows of J+ (n, 6 a) over each joint's tools, shape (n, 6)."""
+    """Sum rows of J+ (n, 6 a) over each joint's tools, (n, 6)."""
     folded: FloatArray = (plus.reshape(len(plus), len(moves), 6) * moves.T[:, :, None]).sum(axis=1)
     return folded

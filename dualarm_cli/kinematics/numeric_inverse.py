@@ -19,7 +19,7 @@ class InverseSettings:
     starts: int = 32
     """Number of starts of a round for each pose."""
     few_starts: int = 12
-    """Number of starts of a round for each pose if the search is not thorough."""
+    """Number of starts per round and pose in a search that is not thorough."""
     max_rounds: int = 16
     """Maximum number of rounds; redundant arms end with the first solution."""
     quiet_rounds: int = 4
@@ -122,7 +122,7 @@ def solve_poses(
 
 
 def least_distances(arm: SerialChain, R: FloatArray, p: FloatArray) -> FloatArray:
-    """Search the least distances of the flange, with its rotation met, from poses [m], (m,).
+    """Search the flange's least distances from poses [m], shape (m,), with rotations met.
 
     Descents from many starts in which rotation counts so much more than position that it is met.
 
@@ -142,7 +142,7 @@ def least_distances(arm: SerialChain, R: FloatArray, p: FloatArray) -> FloatArra
 def descend(
     arm: SerialChain, R: FloatArray, p: FloatArray, starts: FloatArray, *, turned: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Descend from starts by damped least squares, to joints (b, n) and errors (b, 2).
+    """Descend by damped least squares to joints (b, n), errors (b, 2).
 
     Errors are distances [m] and angles [rad].
 
@@ -214,7 +214,7 @@ def polished(
 
 
 def _halton(arm: SerialChain, first: int, count: int) -> FloatArray:
-    """Create starts (count, n) that fill the limits evenly, at most a turn of each joint."""
+    """Create starts (count, n) that fill the limits evenly, in at most a turn."""
     index = np.arange(first + 20, first + 20 + count)
     fraction = np.zeros((count, arm.axes))
     for k in range(arm.axes):

@@ -66,7 +66,7 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class _FirstTurns:
-    """Four values of joint 1 for each of b poses, with solutions of joint 5."""
+    """Four values of joint 1 per pose, b poses, with joint 5 solutions."""
 
     q1: FloatArray
     """Joint 1 [rad], finite everywhere, shape (b, 4)."""
@@ -127,7 +127,10 @@ class ParallelArm(ClosedArm):
 
     @cached_property
     def _feet(self) -> tuple[float, FloatArray]:
-        """Common normal of axes 5 and 6: offset along axis 6 [m], foot in frame 5 [m]."""
+        """Common normal of axes 5 and 6: offset and foot [m].
+
+        The offset is along axis 6, the foot in frame 5.
+        """
         across, p = self.R_parent_joint[5][:, 2], self.p_parent_joint[5]
         shift = -float(product(p[:2], across[:2])) / float(product(across[:2], across[:2]))
         # After a shift along axis 6 the remainder across axis 5 is the normal.
@@ -146,7 +149,7 @@ class ParallelArm(ClosedArm):
 
     @cached_property
     def _chain_of_links(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Steps between axes 2, 3, 4 and foot on axis 5, in frame 2 [m].
+        """Steps between axes 2, 3, 4 and axis 5's foot, in frame 2 [m].
 
         Three vectors (3,). All joints are at zero.
         """
@@ -174,7 +177,7 @@ class ParallelArm(ClosedArm):
 
     @cached_property
     def _tool(self) -> tuple[FloatArray, FloatArray]:
-        """Foot on axis 6 [m] and direction of axis 6, in the flange frame, (3,) each."""
+        """Axis 6 in the flange frame: foot [m] and direction, each (3,)."""
         R = self.R_last_flange.T
         foot = product(R, np.array([0.0, 0.0, self._feet[0]]) - self.p_last_flange)
         return readonly(foot), readonly(R[:, 2])
@@ -225,13 +228,16 @@ class ParallelArm(ClosedArm):
     def _last_turns(
         self, M: FloatArray, total: FloatArray, solution: IntArray
     ) -> tuple[Turns, FloatArray]:
-        """Solve for angles about n, axis 5 and axis 6, and select solutions (3, b, 4)."""
+        """Solve for angles about n, axis 5 and axis 6.
+
+        Selects solutions (3, b, 4).
+        """
         turns = three_turns(self._R25, self.R_parent_joint[5], M, total)
         last = np.take_along_axis(turns.q, solution[..., None, None], axis=2)[:, :, 0]
         return turns, np.moveaxis(last, -1, 0)
 
     def _last_link(self, q5: FloatArray) -> ComplexArray:
-        """Compute steps across axis 2 from axis 4 to the foot on axis 6 [m].
+        """Compute steps across axis 2 from axis 4 to axis 6's foot [m].
 
         Joints 2 to 4 are at zero.
         """
@@ -240,7 +246,9 @@ class ParallelArm(ClosedArm):
         return step
 
     def _reachable_sums(self, total: FloatArray, w: ComplexArray, last: FloatArray) -> FloatArray:
-        """Adapt sums of joints 2 to 4 [rad], (b, 4), so that the two links reach.
+        """Adapt sums of joints 2 to 4 [rad], (b, 4), to the links' reach.
+
+        The two links reach then.
 
         Args:
             total: given sums [rad], broadcast against (b, 4).

@@ -18,7 +18,7 @@ LEAST_PLACES = 4
 
 @dataclass(frozen=True)
 class PlatformChain:
-    """Joints between the world and the frame that carries the arms: none, one or two.
+    """Joints between the world and the arms' carried frame: none, one or two.
 
     Every joint frame is turned so that its axis is z. With one joint the carried frame is the axis frame
     turned by the platform angle, so that an arm's shoulder has a fixed radius, azimuth and height in it; or, where the
@@ -92,7 +92,9 @@ class PlatformChain:
         return self.is_chosen and not self.revolute[0]
 
     def around(self, here: float, lower: float, upper: float) -> tuple[float, float]:
-        """Return the scanned range [rad or m]: half a turn to either side, or a whole rail.
+        """Return the scanned range [rad or m].
+
+        It is half a turn to either side, or a whole rail.
 
         Args:
             here: position of its one joint [rad or m].
@@ -136,7 +138,7 @@ class PlatformChain:
         return np.broadcast_to(np.eye(3), (*np.shape(moved), 3, 3)), back
 
     def pose(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the carried frame in the world: rotations (..., 3, 3), positions (..., 3) [m].
+        """Compute the carried frame's world rotations (..., 3, 3), positions (..., 3) [m].
 
         Args:
             position: joint positions [rad or m], shape (..., k).
@@ -167,7 +169,10 @@ def rotation_z(angle: FloatArray) -> FloatArray:
 
 
 def align_z(axis: FloatArray) -> FloatArray:
-    """Compute a rotation that takes z to the unit vector `axis`, the identity for z."""
+    """Compute a rotation from z to the unit vector `axis`.
+
+    It is the identity for z.
+    """
     if np.array_equal(axis, [0.0, 0.0, 1.0]):
         return np.eye(3)
     # Any frame with that z axis is valid; the coordinate axis farthest from it spans x.

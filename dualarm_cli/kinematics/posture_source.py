@@ -34,7 +34,10 @@ class ReachedPostures:
     branch: IntArray
     """Branches of the postures, shape (k,)."""
     miss: FloatArray
-    """Miss of each pose: distance [m] and angle [rad], shape (m, 2). It is 0 if the pose is reached."""
+    """Miss of each pose: distance [m] and angle [rad], shape (m, 2).
+
+    It is 0 if the pose is reached.
+    """
 
 
 ToolPose = tuple[FloatArray, FloatArray, FloatArray]

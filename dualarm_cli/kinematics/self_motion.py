@@ -13,7 +13,7 @@ CURVE_STEP = 0.25
 CURVE_SAMPLES = 40
 """Number of samples in each direction: a length of ten radians."""
 SAME_CURVE = 0.02
-"""Distance from a chord of samples up to which a posture is on the curve [rad].
+"""Distance from sample chords up to which a posture is on the curve [rad].
 
 At CURVE_STEP a curve that bends by 2 rad per rad leaves its chord by 0.016.
 """

@@ -162,7 +162,7 @@ class SrsArm(PostureSource):
         return least, most
 
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute flange rotations (..., 3, 3) and positions (..., 3) [m] of joints (..., 7)."""
+        """Compute flange rotations (..., 3, 3), positions (..., 3) [m] of joints (..., 7)."""
         q = np.asarray(q, dtype=np.float64)
         shape = q.shape[:-1]
         columns, upper, fore, _ = self.canonical.chain(q)
@@ -188,7 +188,7 @@ class SrsArm(PostureSource):
         return direction, self.geometry.p_flange_wrist
 
     def elbow(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute elbow [m] and axis of joint 4 in the base frame, (..., 3) each."""
+        """Compute elbow [m] and joint 4's axis in the base frame, (..., 3) each."""
         _, upper, _, normal = self.canonical.chain(q)
         bend = self.canonical.sign[3] * q[..., 3] + self.canonical.offset[3]
         turned = np.where(sin(bend) < 0.0, -1.0, 1.0)[..., None]
@@ -275,7 +275,7 @@ class SrsArm(PostureSource):
     def solve_branch(
         self, R: FloatArray, p: FloatArray, psi: FloatArray | float, branch: IntArray
     ) -> tuple[FloatArray, BoolArray]:
-        """Solve for joints (..., 7) of one branch per element, with flags of reach (...).
+        """Solve for joints (..., 7) of a branch per element, with reach flags (...).
 
         Args:
             R: flange rotations in the base frame, shape (..., 3, 3).
@@ -319,7 +319,10 @@ class SrsArm(PostureSource):
     def follow_line(
         self, posture: Posture, pose: ToolPose, length: float, psi_end: float, samples: int
     ) -> FloatArray:
-        """Compute joints along a straight tool line; `psi_end` is the arm angle at its end."""
+        """Compute joints along a straight tool line.
+
+        `psi_end` is the arm angle at its end.
+        """
         R, p, z = (x[None] for x in pose)
         psi, lengths = np.array([[posture.psi, psi_end, psi_end]]), np.array([[0.0, length]])
         lines = compiled.LinePair(

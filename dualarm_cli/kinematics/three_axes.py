@@ -1,4 +1,4 @@
-"""First three axes of an arm and the point that they carry: reach and postures."""
+"""First three axes of an arm and their carried point: reach and postures."""
 
 from __future__ import annotations
 
@@ -120,13 +120,13 @@ class ThreeAxes:
 
     @cached_property
     def normal(self) -> complex:
-        """Common normal of axes 1 and 2 in frame 2, as a complex number [m]."""
+        """Common normal of axes 1 and 2 in frame 2, complex [m]."""
         u = product(self.R12.T, self.p12)
         return complex(u[0], u[1])
 
     @cached_property
     def circle(self) -> FloatArray:
-        """Point in frame 2 over joint 3: rows times (1, cos, sin) [m], shape (3, 3)."""
+        """Point in frame 2: rows times (1, cos, sin) of joint 3 [m], (3, 3)."""
         x, y, z = self.point
         R = self.R23
         return readonly(
@@ -135,13 +135,16 @@ class ThreeAxes:
 
     @cached_property
     def squared(self) -> FloatArray:
-        """Squared distance from frame 2's origin over joint 3: times (1, cos, sin) [m²], (3,)."""
+        """Squared distance from frame 2's origin, times (1, cos, sin) [m²], shape (3,).
+
+        The cosine and sine are those of joint 3.
+        """
         c, a, b = self.circle
         return readonly([product(c, c) + product(a, a), product(2.0 * c, a), product(2.0 * c, b)])
 
     @cached_property
     def family(self) -> Family | None:
-        """Family of the closed form; None if the point does not move through a volume.
+        """Family of the closed form, or None if the point spans no volume.
 
         elbow: axes 2 and 3 parallel. two_steps: axes 1 and 2 meet or are parallel, so that joint 3 follows by itself.
         quartic: any other three ([Pieper1968]) whose axes 1 and 2 do not nearly meet or are nearly parallel: None too.
@@ -161,7 +164,10 @@ class ThreeAxes:
 
     @cached_property
     def neglected(self) -> float:
-        """Deviation from the family [m or rad], inf if zeros are not exact to rounding."""
+        """Deviation from the family [m or rad].
+
+        Infinite if zeros are not exact to rounding.
+        """
         if self.family == "elbow":
             return float(np.hypot(*self.R23[:2, 2]))
         if self.family == "two_steps":
@@ -169,7 +175,7 @@ class ThreeAxes:
         return np.inf
 
     def place(self, q: FloatArray) -> FloatArray:
-        """Compute the point in frame 1 with joint 1 at zero [m], shape (..., 3).
+        """Compute the point in frame 1 at joint 1 zero [m], shape (..., 3).
 
         Args:
             q: joints 2 and 3 [rad], shape (..., 2).
@@ -232,7 +238,7 @@ class PointPostures:
 
 
 Turns = tuple[ComplexArray, FloatArray, BoolArray]
-"""Point across axis 2, joint 3, and flags of solutions that exist, (b, 4) each."""
+"""Point across axis 2, joint 3, and flags of existing solutions, (b, 4) each."""
 
 
 def point_postures(axes: ThreeAxes, p: FloatArray, reference: FloatArray) -> PointPostures:
@@ -267,7 +273,10 @@ def point_postures(axes: ThreeAxes, p: FloatArray, reference: FloatArray) -> Poi
 
 
 def _elbow(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
-    """Solve for postures of parallel axes 2 and 3: circle and plane, then two links."""
+    """Solve for postures of parallel axes 2 and 3.
+
+    First circle and plane are intersected, then the two links.
+    """
     P, omega = complex(*axes.p23[:2]), complex(*axes.point[:2])
     sign = 1.0 if axes.R23[2, 2] > 0.0 else -1.0
     height = float(axes.p23[2] + sign * axes.point[2])
@@ -306,7 +315,7 @@ def _inner(in_: FloatArray, d: FloatArray, L2: float, L3: float) -> FloatArray:
 
 
 def _two_steps(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
-    """Solve for postures of axes 1 and 2 that meet or are parallel, joint 3 first."""
+    """Solve for postures of meeting or parallel axes 1, 2, joint 3 first."""
     meets = abs(axes.axis1) > AXES.parallel
     if meets:
         # |f(q3)| is the distance from where axes 1 and 2 meet.
@@ -339,7 +348,10 @@ def _two_steps(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
 
 
 def _quartic(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
-    """Solve for postures of any three axes: |v|² = |f_xy|², of second order in joint 3."""
+    """Solve for postures of any three axes, second order in joint 3.
+
+    The equation is |v|² = |f_xy|².
+    """
     u, e = axes.normal, axes.axis1
     f, b = axes.circle.T, len(r)
     # Both right sides over (1, cos, sin) of joint 3.
@@ -461,7 +473,10 @@ def _descend(
 def _newton_step(
     axes: ThreeAxes, q: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Compute Newton steps (b, 2) on half the squared distance, with joints at limits fixed."""
+    """Compute Newton steps (b, 2) on half the squared distance.
+
+    Joints at limits are fixed.
+    """
     at, slope, bend = axes.section(q)
     e = at - wanted
     gradient = (slope * e[:, :, None]).sum(axis=1)

@@ -17,7 +17,7 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class BodyState:
-    """Tools and elbows of a arms in the world, at one configuration of n joints."""
+    """Tools and elbows of a arms in the world, at n joints."""
 
     S: FloatArray
     """Screws of the joints: velocity at the world's origin, then angular velocity, per rad/s, shape (n, 6)."""
@@ -34,7 +34,7 @@ class BodyState:
 
 
 class WholeBody:
-    """Kinematics of a cell's robot with its tools, in the order of the robot's joints."""
+    """Kinematics of a cell's robot with its tools, in robot joint order."""
 
     def __init__(self, cell: Cell) -> None:
         """Build the model.
@@ -127,7 +127,7 @@ class WholeBody:
         return jacobian
 
     def carried_points(self, state: BodyState, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute carried points in the world (m, 3) [m] and their Jacobians (m, 3, n).
+        """Compute carried points (m, 3) [m] in the world, their Jacobians (m, 3, n).
 
         Args:
             state: state of the robot.
@@ -183,7 +183,7 @@ def tool_drift(
 
 
 def screw_rates(S: FloatArray, before: BoolArray, qd: FloatArray) -> FloatArray:
-    """Compute the rates of screws by the joints before them, [V_j, S_j], shape (n, 6).
+    """Compute rates of screws by the joints before, [V_j, S_j], shape (n, 6).
 
     Args:
         S: screws, shape (n, 6).
@@ -194,7 +194,10 @@ def screw_rates(S: FloatArray, before: BoolArray, qd: FloatArray) -> FloatArray:
 
 
 def bracket(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Compute the Lie brackets of screws (..., 6): [w1 x v2 + v1 x w2, w1 x w2]."""
+    """Compute the Lie brackets of screws (..., 6).
+
+    They are [w1 x v2 + v1 x w2, w1 x w2].
+    """
     v1, w1, v2, w2 = first[..., :3], first[..., 3:], second[..., :3], second[..., 3:]
     return np.concatenate([cross(w1, v2) + cross(v1, w2), cross(w1, w2)], axis=-1)
 

@@ -105,7 +105,7 @@ class WristArm(ClosedArm):
 
     @cached_property
     def _wrist(self) -> tuple[FloatArray, FloatArray]:
-        """Wrist centre in frame 3 and in the flange frame [m], each of shape (3,)."""
+        """Wrist centre in frame 3 and the flange frame [m], each (3,)."""
         R, p, _, origin = self._chain(np.zeros((1, 6)))
         center = self.meeting_point
         x = np.eye(3)

@@ -1,1 +1,1 @@
-"""Data model: frozen values that flow from the files to the reports, and closed-form minimum times."""
+"""Frozen data values from files to reports, and closed-form minimum times."""

@@ -126,13 +126,19 @@ class Stop:
     buffer: str = ""
     """Name of the buffer that the part enters or leaves; empty for none."""
     belt: OnBelt | None = None
-    """Conveyor that carries the target with its lines and dwell; None if the target stands still."""
+    """Conveyor that carries the target, its lines and dwell, or None.
+
+    None if the target stands still.
+    """
     signal: str = ""
     """Signal that is set when the tool grips or releases; empty for none."""
     straight: float = math.inf
     """Straight part of approach and retract that blending keeps, from the target [m]."""
     blend: float = 0.0
-    """Largest distance of the tool from the target when it passes in motion [m]; 0 for a stop."""
+    """Largest tool distance from a target passed in motion [m].
+
+    0 for a stop.
+    """
 
     @property
     def moves(self) -> bool:
@@ -147,7 +153,10 @@ class Stop:
 
     @property
     def window(self) -> tuple[float, float]:
-        """Earliest and latest time at which the target can be reached [s]; any if it stands still."""
+        """Earliest and latest time at which the target can be reached [s].
+
+        Any time if it stands still.
+        """
         return (0.0, math.inf) if self.belt is None else (self.belt.passes, self.belt.last)
 
     def straight_part(self) -> Stop:
@@ -216,7 +225,10 @@ ANY = "any"
 
 @dataclass(frozen=True)
 class Task:
-    """Work of one arm: pick and place, a move, or its part of a path, seam or hand-over."""
+    """Work of an arm: pick and place, move, or part of shared work.
+
+    Shared work is a path, a seam or a hand-over.
+    """
 
     id: str
     """Unique name; both arms' parts of joint work have the same one."""
@@ -233,7 +245,10 @@ class Task:
     seam: SeamWork | None = None
     """Seam to work, shared by both arms; its two stops are start and end."""
     handover: Handover | None = None
-    """Hand-over, shared by both arms: the giver has pick and give, the taker take and place."""
+    """Hand-over, shared by both arms.
+
+    The giver has pick and give, the taker take and place.
+    """
     not_before: float = 0.0
     """Earliest time at the first target [s]."""
     not_after: float = math.inf

@@ -41,7 +41,10 @@ class OnBelt:
     conveyor: Conveyor
     """Conveyor that carries the target."""
     passes: float
-    """Time at which the target passes the file's pose [s]; it may be reached from then on."""
+    """Time at which the target passes the file's pose [s].
+
+    It may be reached from then on.
+    """
     within: float
     """Largest distance past the file's pose at which the target may be reached [m]."""
     at: float

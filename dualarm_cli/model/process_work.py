@@ -1,4 +1,4 @@
-"""Process work: paths that tools follow in the cell, and seams on a part that one arm holds."""
+"""Process work: tool paths in the cell, seams on a held part."""
 
 from __future__ import annotations
 

@@ -253,7 +253,10 @@ class JointSamples:
 
 
 def too_many_samples(duration: float, rate: float) -> str | None:
-    """Explain why a motion [s] has too many samples at a rate [Hz], or return None."""
+    """Explain why a motion [s] has too many samples at a rate [Hz].
+
+    Returns None if it has not.
+    """
     if duration * rate <= MAX_SAMPLES:
         return None
     # Rounded down: the rate that is named is allowed.
@@ -378,7 +381,7 @@ class Schedule(ShownInNotebooks):
         return self._tool(arm, time)[0]
 
     def jacobian(self, arm: str, time: float) -> FloatArray:
-        """Compute the Jacobian of an arm's tool centre point in the world, shape (6, n).
+        """Compute the Jacobian of an arm's tool in the world, shape (6, n).
 
         It maps velocities of all n joints, in the order of `trajectory.joints`, to the linear velocity [m/s] of the
         point and the angular velocity [rad/s] of the tool. Arguments and errors are those of `tool_pose`.

@@ -60,7 +60,7 @@ class Trajectory:
         return frozen(jerk)
 
     def at(self, time: FloatArray | float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate position, velocity and acceleration, each of shape (m, n), or (n,) at one time.
+        """Evaluate position, velocity, acceleration, each (m, n), or (n,) at a single time.
 
         Times outside the knots are held at the ends. At a double knot the later one is used.
 

@@ -94,7 +94,7 @@ def why_not(
     nearest: Reached,
     limits: JointLimits,
 ) -> Refusal:
-    """Explain why a path cannot be followed, by the start that follows most of it."""
+    """Explain why a path cannot be followed, by the start that gets farthest."""
     subject = work.place, section[0].id, " and ".join(task.arm for task in section)
     details: dict[str, object]
     if not refusals:

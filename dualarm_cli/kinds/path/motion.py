@@ -1,4 +1,7 @@
-"""Motion along a path from one start: joints by a follower, then a trajectory within limits."""
+"""Motion along a path from a start: joints, then trajectory within limits.
+
+A follower finds the joints.
+"""
 
 from __future__ import annotations
 
@@ -82,7 +85,10 @@ class FollowSettings:
     smoothed: tuple[float, ...] = (0.0, 0.04, 0.08, 0.16, 0.32)
     """Windows over which self-motion is smoothed to keep the joints' limits [s]."""
     smoothing_limit: float = 3.0
-    """Factor too fast above which self-motion is not smoothed. Above it a method's limits are not tightened either."""
+    """Factor too fast above which self-motion is not smoothed.
+
+    Above it a method's limits are not tightened either.
+    """
     slowed_smoothing_limit: float = 1.3
     """Factor too fast above which a slowed path is not smoothed."""
     finest: int = 8
@@ -111,7 +117,10 @@ class FollowSettings:
     gained: float = 0.98
     """Ratio of excesses above which smoothing counts as useless."""
     near_junction: float = 0.02
-    """Distance from a junction of pieces within which it is named as the cause [m]."""
+    """Distance from a junction within which it is named as the cause [m].
+
+    A junction is one of two pieces of the path.
+    """
     ample: float = 1.02
     """Factor by which speed is reduced more than needed."""
     tightened: int = 3
@@ -183,7 +192,10 @@ def quickest_path(
     budget: InstantBudget,
     halve: bool = True,
 ) -> FollowedPath | Refused:
-    """Follow a path with rounded corners, or with stops if that is quicker; see `follow_path`."""
+    """Follow a path with rounded corners, or with stops if quicker.
+
+    See `follow_path`.
+    """
     rounded = follow_path(context, work, follower, start, budget, halve)
     if not work.sharp:
         return rounded
@@ -204,7 +216,9 @@ def follow_path(
     budget: InstantBudget,
     halve: bool = True,
 ) -> FollowedPath | Refused:
-    """Follow a path by one method from one start, slower if the file allows it.
+    """Follow a path by a given method and start, slower if allowed.
+
+    The file allows lower speed.
 
     Args:
         context: the job.
@@ -301,7 +315,10 @@ class _Trials:
         return _refused(self.work, ended.reason, ended.instant * problem.step, along, remedy)
 
     def eased(self, clock: PathClock, trial: _Trial) -> tuple[_Trial, PathClock]:
-        """Slow a path until it keeps the limits, locally or as a whole; return result and clock."""
+        """Slow a path until it keeps the limits, locally or as a whole.
+
+        Returns the result and its clock.
+        """
         slower = too_fast = 1.0
         for k in range(FOLLOW.rounds):
             if not trial.slower_helps or self.budget.spent:
@@ -338,7 +355,7 @@ class _Trials:
     def attempt(
         self, clock: PathClock, smoothing_limit: float = FOLLOW.smoothing_limit, share: float = 1.0
     ) -> _Trial:
-        """Time a path by one clock, or find the reason why it cannot be followed.
+        """Time a path by a clock, or find why it cannot be followed.
 
         Nothing is smoothed above a factor too fast. If a method keeps the limits itself, only the curve through its
         instants exceeds them, mostly where self-motion is as fast as the limits allow. A slower path does not help

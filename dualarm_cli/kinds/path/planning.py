@@ -60,8 +60,10 @@ class PathTrials:
     most_starts: int = 16
     """Maximum number of starts that are tried for a path."""
     most_stuck: int = 3
-    """Maximum number of stuck starts that are tried slower. Less speed may help there, but the method does not report
-    how much less."""
+    """Maximum number of stuck starts that are tried slower.
+
+    Less speed may help there, but the method does not report how much less.
+    """
 
 
 TRIALS = PathTrials()
@@ -265,7 +267,7 @@ def path_poses(job: Job, section: Section, share: float) -> ToolPoses:
 
 
 def least_time(job: Job, section: Section) -> float:
-    """Compute the lower bound on a path's duration [s]: its length at the requested speed."""
+    """Compute a path's least duration [s]: its length at the requested speed."""
     work = section[0].path
     assert work is not None
     return work.length / (work.speed * job.speed)

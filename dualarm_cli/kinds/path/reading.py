@@ -41,7 +41,7 @@ Stiffness = Annotated[float, Quantity(Dimension("stiffness", {"": 1.0}, 1e3), 0.
 
 
 class CriticalPoint(Section):
-    """Point to which a virtual spring pulls an elbow, carried by the platform or waist.
+    """Target of an elbow's virtual spring, carried by the platform or waist.
 
     It is a point, or a place on a circle.
     """
@@ -73,7 +73,10 @@ class CriticalPoints(Section):
 
 
 class PathSection(CurveSection):
-    """Curves of one tool or both, their speed, and the method that finds the joints."""
+    """Curves of tools, their speed, and the method that finds the joints.
+
+    The curves are those of a single tool or of both.
+    """
 
     arm: Literal["left", "right"] | None = Field(default=None, description="The arm that follows.")
     left: CurveSection | None = Field(
@@ -161,7 +164,9 @@ class PathTask(TaskHead):
 
 
 def followers(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
-    """Create each arm's task of a path; the tool's last pose is its only stop.
+    """Create each arm's task of a path.
+
+    The tool's last pose is its only stop.
 
     Args:
         reader: of the file.

@@ -113,7 +113,10 @@ def path_starts(
 def _clear_first(
     posture_paths: list[_PosturePath], is_free: Callable[[FloatArray], BoolArray]
 ) -> list[_PosturePath]:
-    """Sort posture paths: clear ones, then those with a clear start; all if no start is clear."""
+    """Sort posture paths: clear ones, then those with a clear start.
+
+    All of them if no start is clear.
+    """
     free = is_free(np.concatenate([posture_path.joints for posture_path in posture_paths]))
     parts = np.split(
         free, np.cumsum([len(posture_path.joints) for posture_path in posture_paths])[:-1]
@@ -128,7 +131,10 @@ def _clear_first(
 def _nearest_start(
     context: PathContext, work: PathWork, q: FloatArray, current: FloatArray
 ) -> Reached:
-    """Find the start nearest to a configuration; arms without a path stay where they are."""
+    """Find the start nearest to a configuration.
+
+    Arms without a path stay where they are.
+    """
     body = context.body
     follows = np.array([arm in work.paths for arm in body.arms])
     free = body.moves[follows].any(axis=0)

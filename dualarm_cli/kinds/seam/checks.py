@@ -1,4 +1,7 @@
-"""Checks of seams: closed chain, pose of the part, speed along the seam, freedoms of the tool."""
+"""Checks of seams: closed chain, part pose, speed, and freedoms of the tool.
+
+The speed is that along the seam.
+"""
 
 from __future__ import annotations
 
@@ -377,7 +380,7 @@ def _free_time(schedule: Schedule, task: str, lines: Sequence[LineSpan], begin: 
 
 
 def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
-    """Describe the first error in the order of a seam's segments and events, if any."""
+    """Describe the first order error in a seam's segments and events, if any."""
     slave_segments = [s for s in schedule.segments if (s.arm, s.task) == (work.slave, task)]
     parts: dict[tuple[str, str], list[Segment]] = {}
     for segment in slave_segments:

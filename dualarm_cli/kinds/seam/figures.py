@@ -1,4 +1,7 @@
-"""Figures of seams: joints and their velocities, the tool in the part and in the world, the chain."""
+"""Figures of seams: joints and velocities, tool trails, and the chain.
+
+Trails of the tool are in the part and in the world.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ STYLE = SeamStyle()
 
 
 def draw_seams(schedule: Schedule, job: Job, kind: str) -> bytes:
-    """Draw a plan's seams: a row of joint curves, then a row of panels for each seam.
+    """Draw a row of joint curves, then a row of panels per seam.
 
     The quantities of [Qin2024] Figs. 13 to 18 and 23 to 28.
 
@@ -108,7 +111,7 @@ def _draw_in_part(axes: Any, schedule: Schedule, job: Job, seam: SeamSamples) ->
 
 
 def _draw_in_world(axes: Any, seam: SeamSamples) -> None:
-    """Draw the trails of the part's frame and of the tool's working point in the world."""
+    """Draw the part frame's and the working point's trails in the world."""
     on, work = seam.on, seam.work
     _, p = work.curve.at(on.length)
     tip = on.p_part + product(on.R_part, p[..., None])[..., 0]

@@ -1,4 +1,7 @@
-"""Timing of a seam: steady speed, ramps at its ends, and a trajectory within chain and limits."""
+"""Timing of a seam: steady speed, ramps, and a trajectory within limits.
+
+The trajectory also keeps the chain closed.
+"""
 
 from __future__ import annotations
 
@@ -34,8 +37,10 @@ class SeamMotionSettings:
     open: float = 4e-7
     """Largest opening of the chain between knots [m, rad]."""
     uneven: float = 4e-4
-    """Largest relative error of the speed between knots, ramps excluded. The acceleration along the seam may exceed
-    that of the file by the same fraction."""
+    """Largest relative error of the speed between knots, ramps excluded.
+
+    The acceleration along the seam may exceed that of the file by the same fraction.
+    """
     moment: float = 2e-4
     """Time step of measured accelerations along the seam [s]."""
     per_knot: int = 3
@@ -45,9 +50,15 @@ class SeamMotionSettings:
     as_asked: float = 1.0 - 1e-9
     """Fraction of a requested speed, or of a cap, that counts as reached."""
     acceleration_margin: float = 0.99
-    """Fraction of the file's acceleration that is used. The motion's spline needs a little more."""
+    """Fraction of the file's acceleration that is used.
+
+    The motion's spline needs a little more.
+    """
     cap_margin: float = 0.999
-    """Fraction of a cap on the tools' speed that is used. Between places and knots they are a little faster."""
+    """Fraction of a cap on the tools' speed that is used.
+
+    Between places and knots they are a little faster.
+    """
 
 
 MOTION = SeamMotionSettings()
@@ -143,7 +154,7 @@ def _profile(
     *,
     trapezoid: bool,
 ) -> SteadyProfile | Refusal:
-    """Compute the speed profile of a seam, at most `cap` [1/s], or the reason for none."""
+    """Compute a seam's speed profile, at most `cap` [1/s], or explain its absence."""
     length = work.length
     acceleration = None
     if work.acceleration is not None:
@@ -193,7 +204,10 @@ def is_too_fast(refusal: Refusal) -> bool:
 def _trajectory(
     path: SeamPath, profile: SteadyProfile, limits: JointLimits, spacing: float, *, jumps: bool
 ) -> Trajectory:
-    """Create the trajectory with knots at most `spacing` apart, at least four intervals per phase."""
+    """Create the trajectory with knots at most `spacing` apart.
+
+    Each phase has at least four intervals.
+    """
     edges = profile.edges()
     edges = edges[np.concatenate([[True], np.diff(edges) > 1e-9])]
     phases = []

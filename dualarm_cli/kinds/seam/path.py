@@ -35,7 +35,10 @@ class SeamPathSettings:
     closed: float = 1e-9
     """Residual that counts as closed [m, radians by TURN]."""
     smoothing_widths: tuple[float, ...] = (0.0, 0.6, 1.2, 2.0, 3.0)
-    """Half widths of the smoothing [node distances]. The one that allows most speed is taken."""
+    """Half widths of the smoothing [node distances].
+
+    The width that allows most speed is taken.
+    """
     farthest: float = 0.05
     """Largest joint motion by closing the chain that stays on the posture path [rad]."""
     faded: float = 0.2
@@ -56,7 +59,10 @@ class SeamPath:
     chain: Chain
     """Closed chain."""
     share: FloatArray
-    """Places as fractions from 0 to 1, shape (k,). They are denser where the chain would open."""
+    """Places as fractions from 0 to 1, shape (k,).
+
+    They are denser where the chain would open.
+    """
     position: FloatArray
     """All joints at the places [rad], shape (k, n)."""
 
@@ -67,7 +73,10 @@ class SeamPath:
 
     @classmethod
     def of(cls, problem: SeamProblem, motion: SeamMotion) -> SeamPath | None:
-        """Build the path from joints at the nodes; None if the chain opens in between."""
+        """Build the path from joints at the nodes.
+
+        None if the chain opens in between.
+        """
         even = np.linspace(0.0, 1.0, PATH.per_node * (len(problem.shares) - 1) + 1)
         position = quintic_spline(problem.shares, motion.position)(even)
         best, highest = None, 0.0

@@ -47,7 +47,7 @@ class SeamPlanSettings:
     exact: float = 1e-9
     """Residual below which an equation counts as solved [m and rad]."""
     knots: tuple[int, ...] = (24, 48, 96, 192, 384)
-    """Numbers of knots that are tried until the tool is near enough to its line."""
+    """Numbers of knots, tried until the tool is near enough to its line."""
     near: float = 5e-5
     """Tolerance of the tool's line [m] and orientation [rad]: half of the verified one."""
     looked_at: float = 0.01
@@ -164,7 +164,10 @@ def line_motion(
 
 
 def seam_holding(job: Job, work: SeamWork) -> Holding:
-    """Return the clearances while the tool works: it may touch the part, but not penetrate it."""
+    """Return the clearances while the tool works.
+
+    It may touch the part, but not penetrate it.
+    """
     cell, tool = job.cell, f"{work.slave}_tool"
     contacts = tuple((tool, body, -OVERLAP) for body in work.touches)
     cell = replace(cell, clearances=(*cell.clearances, *contacts))
@@ -244,7 +247,10 @@ class SeamPlanner:
     check_collisions: bool
     """Whether collisions are checked."""
     free_start: bool = False
-    """Whether the motion may start anywhere, so that no transfer to the seam is needed."""
+    """Whether the motion may start anywhere.
+
+    No transfer to the seam is needed then.
+    """
     requested: str | None = None
     """Name of the requested seam solver; None for the file's choice."""
 
@@ -451,7 +457,7 @@ class SeamPlanner:
 
 
 def _is_closed(chain: Chain, position: FloatArray) -> bool:
-    """Test whether joints (n,) [rad] have tool and part at the start of the seam."""
+    """Test whether joints (n,) [rad] have tool and part at the seam's start."""
     share = np.zeros(1)
     given = chain.work.master is not None and chain.work.hold.given
     poses = chain.work.hold.at(share) if given else None

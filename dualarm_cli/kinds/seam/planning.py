@@ -144,7 +144,7 @@ def seam_poses(job: Job, section: Section, share: float) -> ToolPoses:
 
 
 def _pose(R: FloatArray, p: FloatArray) -> pin.SE3:
-    """Return the first of some poses, rotations (k, 3, 3) and positions (k, 3) [m]."""
+    """Return the first pose of rotations (k, 3, 3) and positions (k, 3) [m]."""
     return pin.SE3(R[0], p[0])
 
 

@@ -1,4 +1,4 @@
-"""Coordinate tasks of task files: curves on parts, tools on them, poses of the part."""
+"""Coordinate tasks of task files: curves on parts, tools, and part poses."""
 
 from __future__ import annotations
 
@@ -40,7 +40,10 @@ class SeamReading:
     sharpest: float = math.radians(30.0)
     """Largest turn of a curve between measured nodes; more is a corner [rad]."""
     shortest: float = 1e-5
-    """Least length of curves, of spline intervals, and of the gap between two pipes' sides [m]."""
+    """Least length of curves, spline intervals, and gaps between pipe sides [m].
+
+    A gap is that between the sides of two pipes.
+    """
     same_point: float = 1e-6
     """Distance below which neighbouring poses of a file coincide [m]."""
     smallest_normal: float = 1e-9
@@ -182,7 +185,10 @@ class SeamReader:
         return curve
 
     def _through(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
-        """Create the curve through the poses of a file, or report errors and return None."""
+        """Create the curve through the poses of a file.
+
+        Returns None after reporting errors.
+        """
         poses = self._curves.poses(str(section.file), loc)
         if poses is None:
             return None
@@ -195,7 +201,10 @@ class SeamReader:
         return curve if self._smooth(curve, loc) else None
 
     def _smooth(self, curve: MeasuredCurve, loc: Loc) -> bool:
-        """Report a curve with a corner, where the tool would have to stop, or without length."""
+        """Report a curve without length, or with a corner.
+
+        The tool would have to stop at a corner.
+        """
         bend, at = sharpest_bend(curve.contour)
         if bend > READ.sharpest:
             self._reader.note(

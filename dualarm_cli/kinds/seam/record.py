@@ -71,7 +71,9 @@ def add_seam(
     begin: float,
     job_speed: float,
 ) -> None:
-    """Append two stages: from the transfer to the first dwell, and from the seam to the retract.
+    """Append two stages, up to the first dwell and up to the retract.
+
+    The first begins with the transfer, the second with the seam.
 
     Args:
         record: the plan so far, with the transfer as its last stage.
@@ -120,7 +122,10 @@ class _Writer:
     def add(
         self, kind: SegmentKind, action: str, motion: Trajectory, master: SegmentKind | None
     ) -> None:
-        """Append a motion of the slave, with the master's kind of segment; None for the same kind."""
+        """Append a motion of the slave, with the master's kind of segment.
+
+        None for the same kind.
+        """
         record = self._record
         start, end = record.clock, record.clock + motion.duration
         for arm in self._model.cell.robot.arms:

@@ -217,7 +217,7 @@ class ExitSection(Section):
 
 
 class CoordinateSection(Section):
-    """Work of both arms on one part: one holds it, the other works along a curve."""
+    """Work along a curve on a part that the other arm holds."""
 
     master: Literal["left", "right"] | None = Field(
         default=None,

@@ -34,7 +34,7 @@ from dualarm_cli.model.shape import Shape
 NO_TOOL = "none"
 """Name of no tool in files."""
 PARALLEL = 1e-6
-"""Largest angle between the z axes of a tool and the arm's own tool [rad]."""
+"""Largest angle between z axes of a tool and the arm's own [rad]."""
 LEAST_STAND_DISTANCE = 1e-3
 """Least distance between stands [m]. The arm's position decides which tool is meant."""
 
@@ -222,7 +222,7 @@ def _check_names(
     parts: Sequence[str],
     findings: Findings,
 ) -> None:
-    """Report tools whose names could mean a part, or a tool with a part in it."""
+    """Report tool names that are also names of parts or loaded tools."""
     for arm, arm_changes in changes.items():
         others = {Held("", part).name for part in parts}
         for name in arm_changes.tools:

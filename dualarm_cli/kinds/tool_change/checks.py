@@ -64,7 +64,7 @@ def change_tasks(schedule: Schedule, job: Job) -> list[tuple[float, Task]]:
 
 
 def check_tool_changes(schedule: Schedule, job: Job | None) -> Check:
-    """Check that each task has its tool mounted, and every tool change is possible and needed.
+    """Check that tasks have their tools, and that changes are possible and needed.
 
     A tool is taken by an arm without a tool, and left at its own stand, never within a task. A cycle ends with the tool
     of its start. Every visit to a stand has a unique name.

@@ -1,4 +1,7 @@
-"""Planner interface of tool changes: stops at stands wherever the next task needs another tool."""
+"""Planner interface of tool changes.
+
+Stops at stands are inserted wherever the next task needs another tool.
+"""
 
 from __future__ import annotations
 

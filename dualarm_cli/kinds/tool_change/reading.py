@@ -85,7 +85,9 @@ def _check_name(document: Document, index: int, name: str, cell: Cell, findings:
 
 
 def with_tool(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> Task:
-    """Assign a task's tool, an arm that has it, and targets in the permanent tool's frame.
+    """Assign a task's tool, its arm, and targets in the permanent tool's frame.
+
+    The arm is one that has the tool.
 
     Args:
         reader: of the file.
@@ -108,7 +110,10 @@ def _default(defaults: DefaultsSection) -> str | None:
 
 
 def _choose(reader: TaskReader, section: ToolTask, loc: Loc, arm: str) -> tuple[str, str]:
-    """Choose arm (ANY for either) and tool (empty for none) of a task; report errors."""
+    """Choose arm (ANY for either) and tool (empty for none) of a task.
+
+    Errors are reported.
+    """
     cell, changes = reader.cell, reader.cell.tool_changes
     arms = reader.arms if arm == ANY else [arm]
     if not any(name in changes for name in arms):

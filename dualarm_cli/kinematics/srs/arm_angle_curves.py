@@ -19,7 +19,10 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 @dataclass(frozen=True)
 class CurveTolerances:
-    """Tolerances of joints over the arm angle, and tables of turns and flips by joint."""
+    """Tolerances of joints over the arm angle, with turn and flip tables.
+
+    The tables are by joint.
+    """
 
     stretched: float = 1e-14
     """Distance within which a wrist centre snaps to an end of its reach [m].
@@ -156,7 +159,7 @@ class ArmPlane:
         )
 
     def triples(self, sin: FloatArray, cos: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the rotations of shoulder and wrist triple, (3, 3, ...), for a positive bend.
+        """Compute rotations of shoulder and wrist triple, (3, 3, ...), for positive bend.
 
         Args:
             sin: sine of the arm angle, shape (...).
@@ -256,7 +259,7 @@ class ArmAngleCurves:
         return cls(plane, canonical, turning, bending)
 
     def pairs(self, sin: FloatArray, cos: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Compute both values of joints 1 to 7 in (-pi, pi] [rad]: plain and flipped.
+        """Compute plain and flipped values of joints 1 to 7 in (-pi, pi] [rad].
 
         `flips` says which of the two a branch has.
 
@@ -280,7 +283,7 @@ class ArmAngleCurves:
         return pairs
 
     def angles(self, sin: FloatArray, cos: FloatArray) -> list[FloatArray]:
-        """Compute joints 1 to 7 [rad], each (...), of the branch with theta2, theta6 >= 0.
+        """Compute joints 1-7 [rad], each (...), of the branch theta2, theta6 >= 0.
 
         Joints 1, 3, 5, 7 in (-pi, pi]; for 2, 4, 6 the canonical theta in [0, pi].
 
@@ -357,7 +360,9 @@ def flips(joint: int, branch: IntArray) -> BoolArray:
 
 
 def _settle(canonical: SrsCanonical, plane: ArmPlane, turning: FloatArray) -> None:
-    """Overwrite the curves of triples that are singular at each arm angle: a stretched arm.
+    """Overwrite the curves of singular triples at each arm angle.
+
+    They are those of a stretched arm.
 
     Their outer joints turn about one line: the first is 0 and the last has all of the turn.
     """
@@ -384,7 +389,7 @@ def _settle(canonical: SrsCanonical, plane: ArmPlane, turning: FloatArray) -> No
 def _overwrite(
     turning: FloatArray, chosen: BoolArray, rows: list[list[FloatArray]], theta: float
 ) -> None:
-    """Set a constant first joint and the given rows of the last one for chosen elements."""
+    """Set a constant first joint and given last-joint rows for chosen elements."""
     # Short, so that the sine of the middle joint, which is their length, stays next to nothing.
     first = np.square(CURVES.singular) * np.array([elementary.sin(theta), elementary.cos(theta)])
     for k in range(2):

@@ -25,7 +25,10 @@ class ArmAngleIntervals:
     """First arm angle of each interval in [-pi, pi], ascending [rad], shape (..., 8, k); NaN where
     there are fewer."""
     end: FloatArray
-    """Last arm angle of each interval, within a turn of `start` [rad], shape (..., 8, k)."""
+    """Last arm angle of each interval [rad], shape (..., 8, k).
+
+    It is within a turn of `start`.
+    """
     count: IntArray
     """Number of intervals, shape (..., 8)."""
 

@@ -109,14 +109,20 @@ def _turn_bend(
 
 
 def _swing(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
-    """Turn a frame about its y until z points along a direction; return frame and angle."""
+    """Turn a frame about its y until z points along a direction.
+
+    Returns the frame and the angle.
+    """
     angle = float(arctan2(product(direction, frame[:, 0]), product(direction, frame[:, 2])))
     c, s = cos(angle), sin(angle)
     return product(frame, np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])), angle
 
 
 def _twist(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
-    """Turn a frame about its z until y points along a direction; return frame and angle."""
+    """Turn a frame about its z until y points along a direction.
+
+    Returns the frame and the angle.
+    """
     angle = float(arctan2(-product(direction, frame[:, 0]), product(direction, frame[:, 1])))
     c, s = cos(angle), sin(angle)
     return product(frame, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])), angle

@@ -23,14 +23,22 @@ class Diagram:
     steps: tuple[int, int]
     """Number of steps of each timeline."""
     rests: tuple[tuple[int, ...], tuple[int, ...]]
-    """Places of each arm where it may wait, in steps; it may also wait at its end."""
+    """Places of each arm where it may wait, in steps.
+
+    It may also wait at its end.
+    """
     blocked: BoolArray
-    """Forbidden pairs of places, shape (steps + 1, 2 band + 1); column c of row i is step i + c - band of the second
-    arm."""
+    """Forbidden pairs of places, shape (steps + 1, 2 band + 1).
+
+    Column c of row i is step i + c - band of the second arm.
+    """
     opens: tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]] = ((), ())
     """Earliest departures of each arm: pairs (place, time) in steps."""
     needs: tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]] = ((), ())
-    """Places that the other arm must reach before an arm leaves: pairs (place to leave, place to reach)."""
+    """Places that the other arm must reach before an arm leaves.
+
+    Pairs (place to leave, place to reach).
+    """
 
     @property
     def band(self) -> int:

@@ -1,4 +1,7 @@
-"""Asynchronous arms on a platform that turns between epochs: assignment of tasks to platform angles."""
+"""Asynchronous arms on a platform that turns between epochs.
+
+Tasks are assigned to platform angles.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +70,10 @@ class EpochProblem:
 
     @property
     def stands(self) -> tuple[ToolStands | None, ...]:
-        """Tools of each arm, None for an arm without tool changes; empty if no arm changes tools."""
+        """Tools of each arm, or None for an arm without tool changes.
+
+        Empty if no arm changes tools.
+        """
         return self.sample.stands
 
     def evaluated(self, epochs: tuple[Epoch, ...], iterations: int) -> EpochOrder:
@@ -169,7 +175,7 @@ class EpochProblem:
     def _buffers(
         self, whole: SequencingProblem, tasks: Sequence[int], finished: Sequence[int]
     ) -> tuple[Stores | None, FloatArray]:
-        """Restrict the buffers to tasks done after others, and select the times of their events."""
+        """Restrict buffers to tasks done after others, and select their events' times."""
         if whole.stores is None:
             return None, np.zeros((0, 2))
         first = np.concatenate([[0], np.cumsum(whole.stops)])
@@ -256,7 +262,10 @@ class EpochSearch:
         return sorted(refined, key=lambda order: order.objective)
 
     def _costs(self) -> FloatArray:
-        """Estimate each task's time at each angle [s], shape (tasks, f); infinite out of reach."""
+        """Estimate each task's time at each angle [s], shape (tasks, f).
+
+        Infinite out of reach.
+        """
         n = self.problem.sample.tasks
         costs = np.full((n, len(self.problem.turn)), np.inf)
         for f, problem in self.problem.problems.items():
@@ -290,7 +299,10 @@ class EpochSearch:
         return float(sum(self.problem.turn[a, b] for a, b in pairwise(stations)))
 
     def _cover(self, cost: FloatArray) -> tuple[int, ...] | None:
-        """Cover all tasks greedily with few angles; None if a task is out of reach."""
+        """Cover all tasks greedily with few angles.
+
+        None if a task is out of reach.
+        """
         uncovered = np.ones(len(cost), dtype=np.bool_)
         chosen: list[int] = []
         while uncovered.any():

@@ -25,7 +25,7 @@ class Spring:
     points: FloatArray
     """Critical points of the arms in the carried frame [m], shape (a, 3)."""
     gain: float = 10.0
-    """Factor on the gradient of half the squared distances, 2 K² of Eq. 28 [1/(m² s)]."""
+    """Factor on half the squared distances' gradient, 2 K² of Eq. 28 [1/(m² s)]."""
 
     def __post_init__(self) -> None:
         """Freeze the points."""
@@ -56,7 +56,7 @@ class PathProblem:
     limits: JointLimits
     """Limits of the n joints."""
     start: FloatArray
-    """Joints at the start, with the tools at the start of their paths [rad], shape (n,)."""
+    """Joints at the start of the tools' paths [rad], shape (n,)."""
     step: float
     """Time between instants [s]."""
     follows: BoolArray
@@ -68,7 +68,10 @@ class PathProblem:
     share: FloatArray
     """Fractions of the paths at each instant, 0 to 1, shape (k,)."""
     pace: FloatArray
-    """Speeds along the paths as fractions of the full one, shape (k,). Self-motion has the same pace."""
+    """Speeds along the paths as fractions of full speed, shape (k,).
+
+    Self-motion has the same pace.
+    """
     spring: Spring
     """Springs, for methods that pull elbows."""
     weights: ManipulabilityWeights = field(default_factory=ManipulabilityWeights)
@@ -78,7 +81,10 @@ class PathProblem:
     model: CellModel | None = None
     """Cell model in closed form; None where its arms have none."""
     tool_speed: float | None = None
-    """Largest speed of every tool, also of arms without a path [m/s]; None for no cap."""
+    """Largest speed of every tool [m/s], or None for no cap.
+
+    It also holds for arms without a path.
+    """
     torque: FloatArray | None = None
     """Largest torque of every joint [N m], shape (n,); None for no torque limits."""
     dynamics: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]] | None = None
@@ -123,8 +129,10 @@ class PathMotion:
     position: FloatArray
     """All joints [rad], shape (k, n)."""
     keeps_rates: bool = False
-    """Whether the method kept the problem's limits of velocity and acceleration. A curve through the instants that
-    exceeds them does so by the method's self-motion, which no slower path changes."""
+    """Whether the method kept the problem's velocity and acceleration limits.
+
+    A curve through the instants that exceeds them does so by the method's self-motion, which no slower path changes.
+    """
 
     def __post_init__(self) -> None:
         """Freeze the array."""

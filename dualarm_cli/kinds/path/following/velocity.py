@@ -1,4 +1,7 @@
-"""Path following by velocities: least norm, and virtual springs that pull the elbows in the null space."""
+"""Path following by velocities: least norm, and virtual springs in the null space.
+
+The springs pull the elbows.
+"""
 
 from __future__ import annotations
 
@@ -178,7 +181,10 @@ def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | 
 
 
 def _judged(problem: PathProblem, room: Room, position: FloatArray) -> PathMotion | NoPath:
-    """Check the position limits; slower may help where there was no room to stop a joint."""
+    """Check the position limits.
+
+    Lower speed may help where a joint had no room to stop.
+    """
     result = within_limits(problem, position)
     return replace(result, excess=np.inf) if isinstance(result, NoPath) and room.lacked else result
 
@@ -272,7 +278,10 @@ class Room:
     """Range of joint motions per step that lets joints stop before their limits."""
 
     lacked: bool = False
-    """Whether some instant had no motion within the range. At lower speed, joints may get nearer to limits."""
+    """Whether an instant had no motion within the range.
+
+    At lower speed, joints may get nearer to limits.
+    """
 
     def __init__(self, problem: PathProblem) -> None:
         """Prepare a problem's limits."""
@@ -300,7 +309,9 @@ class Room:
         least: FloatArray,
         most: FloatArray,
     ) -> FloatArray | None:
-        """Compute the move nearest to a pull that removes the error within bounds, (n,), or None.
+        """Compute the move nearest to a pull that removes the error, (n,).
+
+        It is within bounds; None if there is no such move.
 
         With distant bounds it is the move of the exact projector, and it changes continuously as they get near.
         """
@@ -321,7 +332,7 @@ class Room:
 
 
 def pose_error(R_goal: FloatArray, p_goal: FloatArray, R: FloatArray, p: FloatArray) -> FloatArray:
-    """Compute the pose errors of tools for small turns, linear part first, shape (6 b,).
+    """Compute tools' pose errors for small turns, linear part first, shape (6 b,).
 
     The turn is the sine of the angle about the axis: the rotation vector up to an error of third order.
 

@@ -1,4 +1,7 @@
-"""Seam solvers: joints of both arms while one works along a curve on the other's part."""
+"""Seam solvers: joints of both arms along a curve on a held part.
+
+One arm works along the curve, the other holds the part.
+"""
 
 from __future__ import annotations
 

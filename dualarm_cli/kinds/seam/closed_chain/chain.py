@@ -78,7 +78,7 @@ class Equations:
         )
 
     def with_one_sided(self, excess: FloatArray, slope: FloatArray) -> Equations:
-        """Add the inequality that an excess (k,) [rad] with slope (k, n) is not positive."""
+        """Add the inequality that an excess (k,) [rad], slope (k, n), is ≤ 0."""
         above = excess > 0.0
         return Equations(
             np.concatenate([self.residuals, np.where(above, excess, 0.0)[:, None]], axis=1),
@@ -136,7 +136,10 @@ def lean_slopes(E: FloatArray, w: FloatArray) -> FloatArray:
 
 
 KEPT = 0.97
-"""Fraction of the allowed tilts that is used. Between checked places they are a little larger."""
+"""Fraction of the allowed tilts that is used.
+
+Between checked places they are a little larger.
+"""
 
 
 @dataclass(frozen=True)
@@ -268,7 +271,7 @@ class Chain:
         return farthest > 0.0
 
     def offsets(self, bodies: Bodies, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the tool's errors on the seam, (k, 6), and their Jacobians, (k, 6, n).
+        """Compute tool errors on the seam (k, 6) and their Jacobians (k, 6, n).
 
         Entries 0 to 2: distance of the working point from the seam [m]; 3 and 4: tilt of its axis; 5: spin [rad].
         """

@@ -50,7 +50,9 @@ def close(
     towards: FloatArray | None = None,
     pulls: int = 0,
 ) -> Closed:
-    """Find the nearest joints that close the chain, by Newton steps of least weighted norm.
+    """Find the nearest joints that close the chain, by Newton steps.
+
+    The steps have the least weighted norm.
 
     Args:
         equations: function of joints (k, n) [rad].
@@ -95,7 +97,7 @@ def all_equations(
 
 
 def least_norm(equations: Equations, weight: FloatArray, pull: FloatArray) -> FloatArray:
-    """Compute corrections of joint steps (k, n) that remove the residuals, of least weighted norm."""
+    """Compute least-weighted-norm corrections of joint steps (k, n) that remove the residuals."""
     J = equations.slope
     JW = J * weight
     gram = product(JW, np.swapaxes(J, -1, -2))

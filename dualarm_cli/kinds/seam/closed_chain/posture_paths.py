@@ -1,4 +1,4 @@
-"""Costs of posture paths along a seam: time, and distance from limits and singular postures."""
+"""Costs of posture paths along a seam: time, distance from limits and singularities."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dualarm_cli.records import dataclass
 
 
 def steady_times(position: FloatArray, limits: JointLimits) -> FloatArray:
-    """Compute the least durations of seams at a steady speed by limit, (..., 3) [s].
+    """Compute the least steady-speed durations of seams by limit [s], shape (..., 3).
 
     The limits are those of velocity, acceleration and jerk.
 
@@ -43,7 +43,10 @@ class PosturePathSettings:
     crowded: float = 0.15
     """Penalty of a joint at its limit [fraction of the time]."""
     long: float = 10.0
-    """Time beyond which limits and singular postures add no cost [s]. The transfer to the seam counts too."""
+    """Time beyond which limits and singular postures add no cost [s].
+
+    The transfer to the seam counts too.
+    """
     arm: float = 0.5
     """Unit of length of singular values [m]: about an arm's."""
     room: float = 0.25
@@ -53,7 +56,10 @@ class PosturePathSettings:
     singular: float = 0.5
     """Penalty of a singular posture [fraction of the time]."""
     ample: float = 0.93
-    """Fraction of the required time at which a seam is fast enough. Motion between nodes takes a little more."""
+    """Fraction of the required time at which a seam is fast enough.
+
+    Motion between nodes takes a little more.
+    """
 
 
 POSTURE_PATHS = PosturePathSettings()
@@ -70,7 +76,9 @@ def nearest_turns(problem: SeamProblem, paths: FloatArray) -> FloatArray:
 
 
 def path_cost(problem: SeamProblem, path: FloatArray) -> float:
-    """Compute the cost of a posture path (nodes, n) [s]: its time and the transfer to it.
+    """Compute the cost of a posture path (nodes, n) [s].
+
+    It is the time of the path and of the transfer to it.
 
     Among paths that are fast enough, larger distances from limits and singular postures are cheaper.
     """

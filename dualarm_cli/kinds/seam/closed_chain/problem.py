@@ -68,7 +68,10 @@ class SeamProblem:
     transfer_times: Callable[[FloatArray], FloatArray] | None = None
     """Transfer times to configurations (k, n) [rad], (k,) [s]; None for a free start."""
     can_continue: Callable[[FloatArray], bool] | None = None
-    """Test whether the next seam can start from joints (n,) [rad] at the end; None without one."""
+    """Test of joints (n,) [rad] as a start of the next seam.
+
+    The joints are those at the end of this seam; None without a next seam.
+    """
     nearest_bodies: Callable[[FloatArray], Refusal] | None = None
     """Description of the two nearest bodies at joints (n,) [rad]."""
     is_free: Callable[[FloatArray], BoolArray] | None = None

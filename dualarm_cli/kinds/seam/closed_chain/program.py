@@ -24,7 +24,10 @@ class StepSettings:
     """Settings of one quadratic program."""
 
     smooth: float = 1e-4
-    """Weight of the joints' effort against time, both relative. It selects among equally fast motions."""
+    """Weight of the joints' effort against time, both relative.
+
+    It selects among equally fast motions.
+    """
     stay: float = 1e-6
     """Weight of the step itself."""
     accuracy: float = 1e-6
@@ -51,7 +54,10 @@ class SeamProgram:
     problem: SeamProblem
     """The seam."""
     stands: BoolArray
-    """Flags of joints that are constant over all nodes, or have no influence, shape (n,)."""
+    """Flags of joints that are constant or without influence, shape (n,).
+
+    They are constant over all nodes.
+    """
 
     @cached_property
     def decided(self) -> IntArray:
@@ -247,7 +253,7 @@ class SeamProgram:
         return constraints
 
     def unease(self, position: FloatArray, time: float) -> float:
-        """Compute the cost of a motion of given time: effort, and use of the margin to limits.
+        """Compute a motion's cost for its time: effort, and use of limit margins.
 
         Args:
             position: joints at the nodes [rad], shape (nodes, n).

@@ -1,4 +1,4 @@
-"""Seam solvers: the first posture path, the best with the part still, the best with it moving."""
+"""Seam solvers: first posture path, best with still part, best with moving part."""
 
 from __future__ import annotations
 
@@ -67,8 +67,10 @@ class ProgramSettings:
     leant: float = (1.0 + KEPT) / 2.0
     """Fraction of the allowed tilts up to which a step is accepted."""
     spare_time: float = 1.003
-    """Factor on a posture path's own time within which it is smoothed. At the required time, effort may mean
-    nothing."""
+    """Factor on a posture path's own time within which it is smoothed.
+
+    At the required time, effort may mean nothing.
+    """
 
 
 PROGRAM = ProgramSettings()
@@ -160,7 +162,10 @@ def _descended(
 
 
 def _cost(time: float, beyond: float) -> float:
-    """Compute the cost of a posture path from its time [s] and limit violation [rad]."""
+    """Compute a posture path's cost from its time [s] and violation [rad].
+
+    The violation is that of the joint limits.
+    """
     return time * (1.0 + STARTS.violation_cost * beyond)
 
 
@@ -229,7 +234,9 @@ def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> Fl
 
 
 def solve_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
-    """Solve a seam by least-norm steps along it; the quickest feasible path of many starts.
+    """Solve a seam by least-norm steps, as the quickest of many starts.
+
+    Only feasible starts count.
 
     The tool follows the seam by steps of least norm while the part stands or moves as in the file: the method of
     [Qin2024] section 3.5, from many starts.
@@ -253,7 +260,9 @@ def solve_still(problem: SeamProblem) -> SeamMotion | NoSeam:
 
 
 def solve_moving(problem: SeamProblem) -> SeamMotion | NoSeam:
-    """Solve a seam with moving part and tool, or a still part if fast enough.
+    """Solve a seam with moving part and tool, or a still part.
+
+    A still part is taken if it is fast enough.
 
     Without a master the platform moves instead of the part.
     """
@@ -308,7 +317,7 @@ def _moving_start_count(problem: SeamProblem) -> int:
 
 
 def _is_feasible(problem: SeamProblem, path: FloatArray) -> bool:
-    """Test a posture path for limits and clearance, and for the start of the next seam."""
+    """Test a posture path for limits, clearance, and the next seam's start."""
     if beyond_limits(problem, path).max() > 0.0:
         return False
     if problem.can_continue is not None and not problem.can_continue(path[-1]):

@@ -79,7 +79,7 @@ def standing_joints(problem: SeamProblem, *, moving: bool) -> BoolArray:
 
 
 def part_poses(problem: SeamProblem, share: FloatArray) -> Poses | None:
-    """Return the required poses of the part along the seam, or None if it is free."""
+    """Return the part's required poses along the seam, or None if free."""
     work = problem.chain.work
     if work.master is None or not work.hold.given:
         return None
@@ -144,7 +144,7 @@ def _all_touch(problem: SeamProblem, paths: FloatArray) -> NoSeam:
 
 
 def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
-    """Find the first place of the seam that fails, by the posture path that gets farthest."""
+    """Find the seam's first failing place, by the posture path that gets farthest."""
     starts = _closed_starts(problem, 0)
     if not len(starts):
         return NoSeam(_start_failure(problem), 0.0)
@@ -164,7 +164,7 @@ def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
 
 
 def _start_failure(problem: SeamProblem) -> Refusal:
-    """Explain why no random start has tool and part together at the start of the seam."""
+    """Explain why no random start has tool and part at the seam's start."""
     closed = _closed_draws(problem, 0)
     nearest = int(np.argmin(closed.residual))
     if closed.residual[nearest] > CLOSED:
@@ -218,7 +218,7 @@ def _closed_draws(problem: SeamProblem, node: int) -> Closed:
 
 
 def beyond_limits(problem: SeamProblem, position: FloatArray) -> FloatArray:
-    """Compute the largest violation of bounds by the chain's joints (..., n), shape (...) [rad]."""
+    """Compute the largest bound violation of chain joints (..., n) [rad], shape (...)."""
     low, high = problem.bounds
     # Closing the chain moves joints a little; the margin between bounds and limits covers it.
     beyond = np.maximum(np.maximum(low - position, position - high) - STARTS.rounded, 0.0)
@@ -288,7 +288,7 @@ def why_impossible(problem: SeamProblem, paths: list[FloatArray]) -> NoSeam:
 
 
 def _failure_cause(problem: SeamProblem, position: FloatArray) -> Refusal:
-    """Describe what ended the last posture paths at joints (k, n) [rad]: limit or reach."""
+    """Describe what ended posture paths at joints (k, n) [rad]: limit or reach."""
     work, limits = problem.chain.work, problem.limits
     if not len(position):
         downhand = []
