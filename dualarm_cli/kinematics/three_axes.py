@@ -126,7 +126,7 @@ class ThreeAxes:
 
     @cached_property
     def circle(self) -> FloatArray:
-        """Point in frame 2: rows times (1, cos, sin) of joint 3 [m], (3, 3)."""
+        """Point in frame 2: rows times (1, cos, sin) of q3 [m], (3, 3)."""
         x, y, z = self.point
         R = self.R23
         return readonly(

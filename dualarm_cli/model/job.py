@@ -126,19 +126,13 @@ class Stop:
     buffer: str = ""
     """Name of the buffer that the part enters or leaves; empty for none."""
     belt: OnBelt | None = None
-    """Conveyor that carries the target, its lines and dwell, or None.
-
-    None if the target stands still.
-    """
+    """Conveyor that carries the target, lines and dwell; None for a stationary target."""
     signal: str = ""
     """Signal that is set when the tool grips or releases; empty for none."""
     straight: float = math.inf
     """Straight part of approach and retract that blending keeps, from the target [m]."""
     blend: float = 0.0
-    """Largest tool distance from a target passed in motion [m].
-
-    0 for a stop.
-    """
+    """Largest tool distance from a target passed in motion [m], 0 for stops."""
 
     @property
     def moves(self) -> bool:
@@ -153,10 +147,7 @@ class Stop:
 
     @property
     def window(self) -> tuple[float, float]:
-        """Earliest and latest time at which the target can be reached [s].
-
-        Any time if it stands still.
-        """
+        """Earliest and latest time of reaching the target [s]; any if stationary."""
         return (0.0, math.inf) if self.belt is None else (self.belt.passes, self.belt.last)
 
     def straight_part(self) -> Stop:
@@ -225,10 +216,7 @@ ANY = "any"
 
 @dataclass(frozen=True)
 class Task:
-    """Work of an arm: pick and place, move, or part of shared work.
-
-    Shared work is a path, a seam or a hand-over.
-    """
+    """Work of an arm: pick and place, move, path, seam or hand-over."""
 
     id: str
     """Unique name; both arms' parts of joint work have the same one."""
@@ -245,10 +233,7 @@ class Task:
     seam: SeamWork | None = None
     """Seam to work, shared by both arms; its two stops are start and end."""
     handover: Handover | None = None
-    """Hand-over, shared by both arms.
-
-    The giver has pick and give, the taker take and place.
-    """
+    """Hand-over: pick and give of the giver, take and place of the taker."""
     not_before: float = 0.0
     """Earliest time at the first target [s]."""
     not_after: float = math.inf
