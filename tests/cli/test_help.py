@@ -41,6 +41,10 @@ def test_a_help_of_80_columns_is_whole(
         assert mark not in text
     for param in ALL[path].params:
         assert (param.opts[0] if param.opts[0].startswith("-") else "Arguments:") in text
+        shown = [getattr(param, "help", None) or ""]
+        if isinstance(param.default, str | int | float) and param.default not in ("", True, False):
+            shown.append(f"[default: {param.default}]")
+        assert all("".join(words.split()) in "".join(text.split()) for words in shown)
     words = EXAMPLES[" ".join(path)].split("; ")[-1]
     assert text.splitlines()[-1] == f"  dualarm {' '.join(path)} {words}"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +80,17 @@ def test_what_cannot_be_read_is_left_out(content: bytes | None, tmp_path: Path) 
     assert drawn_meshes([mesh_of(file)]) == {}
 
 
+def test_a_larger_file_than_the_limit_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "ball.stl"
+    file.write_bytes(stl_bytes(ball(12)))
+    for bytes_, number in ((file.stat().st_size, 1), (file.stat().st_size - 1, 0)):
+        limits = replace(DRAWING, bytes=bytes_)
+        monkeypatch.setattr("dualarm_cli.files.robots.visual_meshes.DRAWING", limits)
+        assert len(drawn_meshes([mesh_of(file)])) == number
+
+
 def test_other_formats_are_copied_and_unreadable_files_left_out(tmp_path: Path) -> None:
     tetrahedron = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
     (tmp_path / "good.obj").write_text(tetrahedron)
@@ -110,7 +122,7 @@ def dressed(tmp_path: Path) -> Path:
     return urdf
 
 
-def test_a_robot_knows_its_meshes_and_plans_without_the_missing_one(dressed: Path) -> None:
+def test_a_robot_has_its_meshes_without_the_missing_one(dressed: Path) -> None:
     (mesh,) = load_robot(dressed.parent / "robot.yaml").robot.visuals
     assert (mesh.link, mesh.file.name, mesh.scale) == ("link_7", "ball.stl", (2.0, 2.0, 2.0))
     assert mesh.pose.translation.tolist() == [0.0, 0.0, 0.05]

@@ -96,7 +96,7 @@ ROBOTS: Mapping[str, tuple[str, Mapping[str, str]]] = {
         {"dof": "7"},
     ),
     "one_armed": (
-        f'{INCLUDE_ARM}<xacro:arg name="bimanual" default="false"/>{BASE}'
+        f'{INCLUDE_ARM}<xacro:arg name="bimanual" default="false"/><xacro:arg name="simulated" default="true"/>{BASE}'
         f'<xacro:unless value="$(arg bimanual)"><xacro:arm prefix="">{MOUNT}</xacro:arm></xacro:unless>'
         '<xacro:if value="$(arg bimanual)"><xacro:arm prefix="left_"><origin xyz="0 0.3 0"/></xacro:arm>'
         '<xacro:arm prefix="right_"><origin xyz="0 -0.3 0"/></xacro:arm></xacro:if>',

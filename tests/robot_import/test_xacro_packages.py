@@ -125,11 +125,11 @@ def test_arguments_are_named_with_their_defaults(
     assert run(["robot", "import", file, "--out", "arm"]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert f"{file}: arguments with which more joints move: bimanual:=true (6 more)" in lines
-    defaults = f"{file}: arguments at their defaults: bimanual 'false'; `--xacro-arg NAME:=VALUE`"
+    defaults = f"{file}: arguments at their defaults: bimanual 'false', simulated 'true'; "
     assert any(line.startswith(defaults) for line in lines)
     reasons = robot_source(file, (), {"bimanual": "true"}).reasons
     assert [r.split(":")[0] for r in reasons if " arm: " in r] == ["left arm", "right arm"]
-    assert not any("defaults" in reason for reason in reasons)
+    assert not any("bimanual" in reason for reason in reasons)
     with pytest.raises(UsageError, match="only a URDF or xacro file takes them"):
         robot_source("yumi", (), {"bimanual": "true"})
 
@@ -186,7 +186,9 @@ def test_a_file_includes_from_packages_only(tmp_path: Path) -> None:
     file = tmp_path / "downloads/arm/urdf/arm.xacro"
     file.parent.mkdir(parents=True)
     (tmp_path / "downloads/arm/package.xml").write_text("<package><name>arm</name></package>")
-    file.write_text(robot('<xacro:include filename="$(find private)/part.xacro"/>'))
+    # Its own package is no folder more.
+    mine = '<link name="$(find arm)"/>'
+    file.write_text(robot(f'{mine}<xacro:include filename="$(find private)/part.xacro"/>'))
     with pytest.raises(InputError, match="package 'private' is not in the folder of the URDF"):
         read_expanded(file)
     named = read_expanded(file, XacroInput({}, (tmp_path / "private",)))
