@@ -1,4 +1,4 @@
-"""Decided jobs: arms, order and pairing are given, by a search or by the file."""
+"""Decided jobs: arms, order and pairing given by search or file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def file_order(job: Job) -> Job | None:
 
 
 def stage_by_stage(job: Job) -> Job:
-    """Convert a job to synchronous stages: each arm makes its next stop as soon as it may.
+    """Convert a job to synchronous stages, each stop as early as possible.
 
     Raises:
         InfeasibleError: the given order ends in a deadlock.
@@ -91,7 +91,10 @@ def decided(job: Job, model: CellModel, slots: IntArray) -> Job:
 
 
 def _assigned(task: Task, arm: str, arms: Sequence[str]) -> Task:
-    """Assign a task to an arm if it may be done by any; set giver and taker of a hand-over."""
+    """Assign a task to an arm, if any arm may do it.
+
+    Giver and taker of a hand-over are set.
+    """
     if task.arm != ANY:
         return task
     handover = task.handover

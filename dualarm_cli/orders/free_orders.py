@@ -114,7 +114,9 @@ def _improved(
     seed: int,
     watch: Watch,
 ) -> list[tuple[Timed, float]]:
-    """Improve an order at one angle under penalties for conflicts; list orders and times [s].
+    """Improve an order at an angle under conflict penalties.
+
+    Returns the orders and times [s].
 
     While an arm is at a task the other one is at any of its own. If the two collide, one arm waits for about
     `conflict_wait`. So tasks cost more by that time times the fraction of the other arm's tasks that they conflict
@@ -177,7 +179,10 @@ def _bound(
     seed: int,
     watch: Watch,
 ) -> float | None:
-    """Compute a lower bound over all angles [s]; None if tasks are too many or the search was stopped."""
+    """Compute a lower bound over all angles [s].
+
+    None if tasks are too many or the search was stopped.
+    """
     if any(problem.tasks > limits.most_proven for problem in problems.values()):
         return None
     bound = np.inf
@@ -246,7 +251,7 @@ def time_together(problem: SequencingProblem, order: Order, touch: BoolArray) ->
 
 
 def _ends(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> FloatArray:
-    """Compute the end of each stop and of the return by the arm's clock [s]."""
+    """Compute the ends of stops and return by the arm's clock [s]."""
     if not nodes:
         return np.zeros(0)
     start, w, arm = problem.start_node, problem.options, problem.arms[a]

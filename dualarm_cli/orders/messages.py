@@ -45,7 +45,7 @@ def check_reach(order: OrderModel) -> None:
 
 
 def _out_of_reach(order: OrderModel, t: int) -> Refusal:
-    """Build the refusal of a task that no arm can do, with the causes by arm."""
+    """Refuse a task that no arm can do, with causes by arm."""
     task = order.job.tasks[t]
     causes = [
         Refusal("by_arm", arm=name, data={"cause": _why(order, t, name)})
@@ -143,7 +143,10 @@ Rule = Callable[[Relaxation], Relaxation]
 
 
 def _rules(problem: Relaxation, tasks: Sequence[Task]) -> dict[str, Rule]:
-    """List all rules that can contradict each other, as functions that add them to a problem."""
+    """List the rules that can contradict each other.
+
+    They are functions that add the rule to a problem.
+    """
     rules: dict[str, Rule] = {}
     ids = [task.id for task in tasks]
     for pair in problem.before:

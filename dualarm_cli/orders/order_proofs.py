@@ -1,4 +1,7 @@
-"""Lower bounds of all orders of paired arms on the search's grid, with near-optimal orders."""
+"""Lower bounds of paired orders on the search's grid, with near-optimal orders.
+
+The arms are paired in stages.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +25,19 @@ from dualarm_cli.stages.search.plan_clearance import move_waits
 
 @dataclass(frozen=True)
 class OrderMoves:
-    """Positions of the arms before and after transfers, in the postures of the search for orders."""
+    """Positions around transfers, in the postures of the search for orders.
+
+    They are those before and after each transfer.
+    """
 
     order: OrderModel
     """Tasks as each arm can do them; with collision checks."""
     stages: StageModel
     """Stages of the job as numbers."""
     entry: tuple[FloatArray, ...]
-    """Joints at the start of approaches by arm [rad], shape (s, f, joints); NaN without a posture."""
+    """Joints at approach starts by arm [rad], (s, f, joints), NaN without posture."""
     leaving: tuple[FloatArray, ...]
-    """Joints at the end of retracts by arm [rad], shape (s, f, joints); NaN without a posture."""
+    """Joints at retract ends by arm [rad], (s, f, joints), NaN without posture."""
     held: IntArray
     """Part held on the transfer to each stop, and after it, shape (2, s)."""
 
@@ -118,7 +124,7 @@ def proven_orders(
     effort: str,
     watch: Watch,
 ) -> tuple[list[StageOrder], float | None]:
-    """Improve the best order, list near-optimal ones, and compute a lower bound of all orders [s].
+    """Improve the best order, list near-optimal ones, bound all orders below [s].
 
     The bound is None if arms change tools: in the stages of the search the other arm waits for whole tool changes.
 
@@ -169,7 +175,9 @@ def _near_optimal(
 def least_total(
     order: OrderModel, problem: StageProblem, effort: str, seed: int, watch: Watch
 ) -> float:
-    """Compute a lower bound of all orders from least times [s], for any number of stops; 0 if unknown.
+    """Compute a lower bound of all orders from least times [s].
+
+    It holds for any number of stops; 0 if unknown.
 
     Args:
         order: the job's tasks as each arm may do them.

@@ -106,7 +106,7 @@ def _different(trials: list[_Trial], common: float) -> list[_Trial]:
 
 
 def _started(search: PairedSearch, order: DecidedOrder, effort: TrialEffort) -> _Trial | None:
-    """Build the trial of an order, or None if no feasible plan is near its own.
+    """Build an order's trial, or None without a feasible plan near it.
 
     The search's postures are less than a plan: the last joint is open if the yaw is free, and of lines only the ends
     were checked, so that a point in between may violate a limit.
@@ -120,7 +120,9 @@ def _started(search: PairedSearch, order: DecidedOrder, effort: TrialEffort) -> 
 
 
 def repaired(problem: SequenceProblem, plan: Decisions) -> Evaluated | None:
-    """Repair a plan: return it if it is feasible, else the fastest feasible plan near it, or None.
+    """Repair a plan: return the fastest feasible plan near it, or None.
+
+    A feasible plan is returned as it is.
 
     Methods that follow a line on other samples than `postures` may violate a position limit slightly; `postures` keeps
     a margin between its samples. Only infeasible stages change.
@@ -165,7 +167,7 @@ def _variants(
 
 
 def _changed(plan: Decisions, a: int, stages: IntArray, shift: float, swing: float) -> Decisions:
-    """Shift the arm angles of one arm in some stages, and scale their change along lines."""
+    """Shift an arm's angles in given stages, and scale changes along lines."""
     rows = plan.arms[a].take(stages)
     psi = rows.psi_target + shift
 

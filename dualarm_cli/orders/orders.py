@@ -1,4 +1,7 @@
-"""Search for arms, order and pairing of an open job; the results are decided jobs."""
+"""Search for arms, order and pairing of an open job.
+
+The results are decided jobs.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +81,10 @@ class Orders:
     """Note on the search that gave the orders."""
 
     def gap(self, total: float) -> float | None:
-        """Compute the optimality gap of an order on the search's grid; None without a bound."""
+        """Compute an order's optimality gap on the search's grid, or None.
+
+        None without a bound.
+        """
         return grid_gap(self.bound, total)
 
 
@@ -195,7 +201,7 @@ class PairedSearch:
         return Orders(tuple(sorted(answers, key=lambda order: order.total)), bound or None, search)
 
     def _answer(self, stage_order: StageOrder) -> DecidedOrder:
-        """Convert an order to a decided job, with its tool changes in the best stages."""
+        """Convert an order to a decided job, tool changes in best stages."""
         if self.problem.free_start and self.problem.returns:
             stage_order = closed(self.problem, stage_order)
         slots, total = stage_order.slots, stage_order.total
@@ -211,7 +217,7 @@ class PairedSearch:
         )
 
     def in_file_order(self) -> float | None:
-        """Compute the least total of a short search in the file's order on each arm [s].
+        """Compute a short search's least total in the file's arm orders [s].
 
         None if all orders are timed anyway, or if none was found.
         """
@@ -249,7 +255,9 @@ class PairedSearch:
     def without(
         self, pairs: set[StagePair], excluded: set[ArmTask], start_job: Job
     ) -> PairedSearch:
-        """Build the search without pairs of stops in one stage, and with tasks of fixed arms.
+        """Build the search without stage pairs, and with tasks of fixed arms.
+
+        A stage pair is a pair of stops in the same stage.
 
         Args:
             pairs: stops of the first and of the second arm, each by task and action.
@@ -278,7 +286,7 @@ class PairedSearch:
         return sorted((arms.index(arm), number[task]) for arm, task in others)
 
     def _slots(self, job: Job) -> IntArray:
-        """List the stops of a decided job by stage without those at stands, shape (n, arms)."""
+        """List a decided job's stops by stage, (n, arms), without stands."""
         numbers = self._stop_numbers()
         slots = np.full((len(job.stages()), len(self.order.model.arms)), IDLE, dtype=np.int64)
         for k, work in enumerate(job.stages()):
@@ -333,7 +341,7 @@ def _forbid_pairs(problem: StageProblem, cuts: set[tuple[int, int]]) -> StagePro
 
 
 def _alone(order: OrderModel, effort: str, seed: int, watch: Watch) -> Orders:
-    """Search the orders of a single arm without platform; it is asynchronous in any mode."""
+    """Search a single arm's orders without platform, asynchronous in any mode."""
     orders = free_orders(order, effort, seed, watch)
     if not orders.ranked:
         raise why_impossible(order, relax_options(order.problem(0))) or InfeasibleError(

@@ -1,4 +1,4 @@
-"""Watch on a long search: shows progress, keeps the best plan, and ends the search early."""
+"""Watch on a long search: progress, best plan, and early end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ stop_note = NoteTable(
 
 
 class SeenEnoughError(BaseException):
-    """Interrupt of work whose result may be dropped, see `Watch.droppable`; solvers do not catch it."""
+    """Interrupt of work with a droppable result, see `Watch.droppable`.
+
+    Solvers do not catch it.
+    """
 
 
 @dataclass
@@ -39,7 +42,10 @@ class Watch:
     bound: float | None = None
     """Best lower bound of all totals [s], or None."""
     file_order_best: float | None = None
-    """Least total of an order that keeps the file's order on each arm [s]; None if not searched."""
+    """Least total in the file's arm orders [s], or None.
+
+    None if not searched.
+    """
     searching: bool = False
     """Whether a search is running."""
     best_plan: Schedule | None = None
@@ -47,13 +53,16 @@ class Watch:
     catching: bool = False
     """Whether the planner continues with the best plan after a SeenEnoughError."""
     step: tuple[int, int] = (0, 0)
-    """Number of the order that is planned, from 1, and of all orders to plan; 0 without."""
+    """Number of the planned order, from 1, and of all orders.
+
+    Both are 0 without orders.
+    """
     _begin: float = field(default_factory=time.monotonic)
     _counted: float = 0.0
 
     @property
     def endable(self) -> bool:
-        """Whether an end now would return a result: a plan, or an order found by a search."""
+        """Whether an end now would return a plan or an order."""
         return self.best_plan is not None or (self.searching and self.best is not None)
 
     @property

@@ -1,4 +1,6 @@
-"""Index of many plans: one HTML file whose table rows link to the plans' pages; without scripts.
+"""Index of many plans: an HTML table with links to plan pages.
+
+It is a single file without scripts.
 
 A layout study becomes an index with a row for each point; the best points link to their plans.
 """

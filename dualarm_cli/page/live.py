@@ -37,7 +37,10 @@ _RELOAD = """<script>
 })();
 </script>
 </body>"""
-"""Script that polls for a newer version twice a second and keeps the cursor's time."""
+"""Script that polls twice a second, and keeps the cursor's time.
+
+It polls for a newer version.
+"""
 _ERROR = """<!doctype html>
 <html lang="en">
 <head>
@@ -120,7 +123,7 @@ class LivePage:
         self._content = f"{body}{reload}\n</html>\n".encode()
 
     def show_text(self, title: str, text: str, hint: str) -> None:
-        """Show a text in place of a plan, such as the error in a file."""
+        """Show a text instead of a plan, such as a file's error."""
         words = {"title": title, "text": text, "hint": hint}
         safe = {name: html.escape(word) for name, word in words.items()}
         self.show(_ERROR.format(policy=POLICY, **safe).encode())

@@ -143,7 +143,7 @@ def visuals(model: pin.Model, robot: Robot, hulls: DrawnHulls) -> list[dict[str,
 
 
 def tcp(model: pin.Model, cell: Cell, arm: str) -> tuple[int, pin.SE3]:
-    """Locate an arm's flange-mounted tool centre point: body number and pose in that body's frame."""
+    """Locate an arm's flange-mounted tool centre point: body number, pose in its frame."""
     frame = flange(model, cell.robot, arm)
     return frame.parentJoint, frame.placement * cell.tools[arm].tcp
 

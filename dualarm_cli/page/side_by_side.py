@@ -1,4 +1,6 @@
-"""Page with two plans side by side on one clock, below a table of all plans.
+"""Page with two plans side by side on a clock, below a table.
+
+The table has all plans.
 
 Page of `dualarm compare solvers`: the result of each method, with its motion next to that of the best.
 """
@@ -200,7 +202,10 @@ class ComparedStage:
     numbers: tuple[str, str]
     """Stage numbers in A and B, as text."""
     starts: tuple[float, float]
-    """Start times in A and B [s]; a click on the row moves both plans there."""
+    """Start times in A and B [s], for a click on the row.
+
+    Both plans move there.
+    """
     work: str
     """Work of the stage."""
     lengths: tuple[str, str]
@@ -233,7 +238,9 @@ def side_by_side(
     plans: Sequence[Mapping[str, Any]],
     first: Sequence[int],
 ) -> bytes:
-    """Build one HTML file that shows one or two of its plans on one clock.
+    """Build an HTML file that shows one or two plans together.
+
+    Two plans have one clock.
 
     Args:
         title: of the file.

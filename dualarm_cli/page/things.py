@@ -1,4 +1,7 @@
-"""Carried objects of a page: poses and carriers of parts and changed tools over time."""
+"""Carried objects of a page: poses and carriers over time.
+
+They are parts and changed tools.
+"""
 
 from __future__ import annotations
 

@@ -18,7 +18,10 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 Rules = dict[tuple[str, str], Crowded]
-"""Pairs of tasks whose first must end before the second begins, with the crowded part."""
+"""Pairs of tasks, first before second, with the crowded part.
+
+The first must end before the second begins.
+"""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,9 @@ class RoomRules:
 
 
 def planned_around(job: Job, plan: Callable[[Job], Schedule], stop: Callable[[], bool]) -> Schedule:
-    """Plan a job of open order; swap two tasks if one's part obstructs the other.
+    """Plan an open job; swap two tasks if a part obstructs one.
+
+    The part is that of the other task.
 
     The rules of a job concern tools and parts: only a plan shows that a part obstructs a link.
 

@@ -166,7 +166,10 @@ def _travel(model: CellModel, job: Job, sections: Sequence[tuple[Task, ...]]) ->
 def _ends(
     arms: Sequence[str], section: tuple[Task, ...]
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Return by arm the possible first and last positions of a section [m], shape (n, 3)."""
+    """Return a section's possible end positions by arm [m], shape (n, 3).
+
+    They are the first and the last one.
+    """
     first: dict[str, list[FloatArray]] = {}
     last: dict[str, list[FloatArray]] = {}
     for task in section:

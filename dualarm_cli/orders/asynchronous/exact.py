@@ -1,4 +1,7 @@
-"""Optimal order of few tasks: dynamic programming over subsets, enumeration where arms wait for each other."""
+"""Optimal order of few tasks: dynamic programming over subsets, or enumeration.
+
+Orders are enumerated where arms wait for each other.
+"""
 
 from __future__ import annotations
 

@@ -26,10 +26,15 @@ class ArmTasks:
     leaving: FloatArray
     """Joints where it ends, after its last retract [rad], shape (n, w, joints)."""
     first: FloatArray
-    """Time of the first stop [s], lines and dwell, shape (n, w); infinite for an option that does not exist."""
+    """Time of first stop, lines and dwell [s], shape (n, w).
+
+    Infinite for an option that does not exist.
+    """
     second: FloatArray
-    """Time from the first stop to the end of the second one [s], shape (n, w); with the transfer between them, 0 for
-    tasks of one stop."""
+    """Time between the ends of both stops [s], shape (n, w).
+
+    It includes the transfer between them; 0 for tasks of a single stop.
+    """
     start: FloatArray
     """Joints before the first task [rad], shape (joints,)."""
     law: RestToRest
@@ -37,8 +42,11 @@ class ArmTasks:
     home: FloatArray | None = None
     """Joints to return to [rad], shape (joints,); None for `start`."""
     free: bool = False
-    """Whether the arm may start anywhere. It then begins where its first transfer would end and returns there: the
-    first transfer takes no time, and the return counts as the shortest transfer to any task."""
+    """Whether the arm may start anywhere.
+
+    It then begins where its first transfer would end and returns there: the first transfer takes no time, and the
+    return counts as the shortest transfer to any task.
+    """
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -77,20 +85,25 @@ class SequencingProblem:
     sequences: tuple[tuple[int, ...], ...] = ()
     """Tasks that one arm does directly one after the other."""
     not_before: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Earliest instant at which a task's first approach may end [s], shape (n,); empty for none."""
+    """Earliest ends of tasks' first approaches [s], shape (n,); empty for none."""
     not_after: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Latest instant at which a task may end [s], shape (n,); empty for none."""
     in_file_order: bool = False
     """Whether each arm does its tasks in the order of their numbers."""
     turn: tuple[float, float] = (0.0, 0.0)
-    """Duration of the platform's turn before the first stop and after the last one [s]."""
+    """Durations of the platform's turns before the first, after the last stop [s]."""
     stores: Stores | None = None
     """Buffers for parts between stops, or None; stops are numbered task by task."""
     lasts: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    """Times before each stop's end [s], shape (s, 2): of the arrival at the target and of the dwell's end; empty
-    without buffers."""
+    """Times before each stop's end [s], shape (s, 2).
+
+    They are those of the arrival at the target and of the dwell's end; empty without buffers.
+    """
     stands: tuple[ToolStands | None, ...] = ()
-    """Tools that each arm changes between its tasks; None for an arm without tool changes, empty if no arm has any."""
+    """Tools that each arm changes between its tasks.
+
+    None for an arm without tool changes, empty if no arm has any.
+    """
 
     @property
     def tasks(self) -> int:
@@ -119,7 +132,7 @@ class SequencingProblem:
 
     @cached_property
     def between(self) -> tuple[FloatArray, ...]:
-        """Transfer times of each arm between nodes [s]; shape (n w + 1, n w + 1).
+        """Transfer times by arm between nodes [s], square of size n w + 1.
 
         From the start no arm arrives before the platform; to the start it takes 0 without a return. If the next task
         requires another tool, the time includes the tool change.
@@ -129,7 +142,10 @@ class SequencingProblem:
 
     @cached_property
     def length(self) -> tuple[FloatArray, ...]:
-        """Times of the nodes themselves by arm [s]; shape (n w + 1,), infinite without an option."""
+        """Times of the nodes by arm [s], shape (n w + 1,).
+
+        Infinite without an option.
+        """
         return tuple(
             np.append((arm.first + arm.second).ravel(), 0.0).astype(np.float64) for arm in self.arms
         )

@@ -1,4 +1,4 @@
-"""Ruin and recreate of many tasks: removal of parts of an order, insertion where they cost least [Christiaens2020]."""
+"""Ruin and recreate of many tasks: removals, and insertions at least cost [Christiaens2020]."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class RecreateSettings:
     tries: int = 6
     """Maximum number of attempts to build an order without deadlock."""
     looks: int = 8
-    """Number of remaining units that are tried first when an order is built unit by unit.
+    """Number of remaining units tried first, when building orders unit by unit.
 
     The others are tried if none of these fits.
     """
@@ -42,7 +42,7 @@ class RecreateSettings:
     A weight is drawn for each removal.
     """
     varied: float = 0.3
-    """Mean random addition to a place's cost, relative to the mean task time; only in jobs with buffers.
+    """Mean random addition to a place's cost, relative to mean task time.
 
     Only in jobs with buffers.
     """
@@ -62,7 +62,10 @@ class TaskUnit:
     nodes: tuple[IntArray, ...]
     """Options of each arm, each a row of nodes, shape (options, tasks)."""
     inside: tuple[FloatArray, ...]
-    """Time of each option by arm [s], with the transfers between its tasks; infinite if infeasible."""
+    """Times of options by arm with inner transfers [s], infinite if infeasible.
+
+    An inner transfer is one between the tasks of an option.
+    """
 
 
 @dataclass(frozen=True)
@@ -372,7 +375,10 @@ class Recreator:
     def _insert(
         self, routes: list[IntArray], units: list[int], weight: float, blink: float
     ) -> bool:
-        """Insert units one by one at least cost, and return whether each has a place."""
+        """Insert units singly at least cost.
+
+        Returns whether each has a place.
+        """
         times = [self._route_time(a, route) for a, route in enumerate(routes)]
         for u in units:
             best: tuple[float, int, int, int, float] | None = None
@@ -418,7 +424,7 @@ class Recreator:
     def _deltas(
         self, a: int, route: IntArray, u: int, low: int, high: int
     ) -> tuple[FloatArray, IntArray]:
-        """Compute the least insertion cost of a unit at each place [s], with its option."""
+        """Compute a unit's least insertion cost at each place [s], with its option."""
         start, between, table = self.problem.start_node, self.problem.between[a], self._table[a]
         sources = targets = np.array([start])
         if len(route):
@@ -432,7 +438,10 @@ class Recreator:
         return cost[np.arange(len(choice)), choice] - removed, choice
 
     def _range(self, u: int, route: IntArray) -> tuple[int, int]:
-        """Compute the first and last feasible place of a unit on one arm; the last first if none."""
+        """Compute the first and last feasible place of a unit on an arm.
+
+        The last place is before the first one if there is none.
+        """
         low, high = 0, len(route)
         if self.problem.in_file_order:
             first = self._units[u].tasks[0]

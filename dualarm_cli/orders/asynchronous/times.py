@@ -21,15 +21,18 @@ class Leg:
     node: int
     """Its task's node."""
     length: float
-    """Time from the end of the previous stop to the end of this one [s]."""
+    """Time between the ends of the previous and this stop [s]."""
     work: float
-    """Time of lines and dwell [s]; for a task's second stop with the transfer to it."""
+    """Time of lines and dwell [s].
+
+    For a task's second stop it includes the transfer to it.
+    """
     lasts: tuple[float, float]
-    """Times before the stop's end [s]: of the arrival at the target and of the dwell's end."""
+    """Times of arrival and dwell end before the stop's end [s]."""
     store: int
     """Number of the stop's buffer."""
     sign: int
-    """Change of the buffer: 1 for a part put in, -1 for a part taken out."""
+    """Buffer change: 1 for a part put in, -1 for one out."""
     begins: bool
     """Whether it is the first stop of its task."""
     ends: bool
@@ -84,7 +87,10 @@ class StoredOrder:
             self._first.setdefault(later, []).append(earlier)
 
     def _counts(self, legs: list[Leg], sign: int) -> list[list[int]]:
-        """Count the buffer changes of one sign among an arm's first stops; shape (n + 1, K)."""
+        """Count an arm's buffer changes of a sign, shape (n + 1, K).
+
+        Row i counts those of the first i stops.
+        """
         counts: IntArray = np.zeros((len(legs) + 1, len(self._stores.initial)), dtype=np.int64)
         for k, leg in enumerate(legs):
             counts[k + 1] = counts[k]
@@ -173,7 +179,10 @@ class StoredOrder:
         return tuple(map(tuple, begins)), tuple(map(tuple, ends))
 
     def _next(self, state: State, a: int) -> State | None:
-        """Compute the state after an arm's next stop, its event last; None if the arm has to wait."""
+        """Compute the state after an arm's next stop, its event last.
+
+        None if the arm has to wait.
+        """
         k = state.at[a]
         if k == len(self._legs[a]):
             return None
@@ -197,7 +206,10 @@ class StoredOrder:
         return State(at, ends, event, late, state)
 
     def _opens(self, state: State, task: int) -> float | None:
-        """Compute the earliest start of a task [s]; None while a predecessor is not finished."""
+        """Compute the earliest start of a task [s].
+
+        None while a predecessor is not finished.
+        """
         not_before = self._problem.not_before
         earliest = float(not_before[task]) if len(not_before) else 0.0
         for predecessor in self._first.get(task, ()):
@@ -214,7 +226,7 @@ class StoredOrder:
         return earliest
 
     def _served_from(self, state: State, leg: Leg) -> float | None:
-        """Compute the time from which a stop has a part, or room, in its buffer [s].
+        """Compute the time at which a stop's buffer gets part or room [s].
 
         None if another stop has to come first. Of the finished stops only the last one of each arm may end after the
         last event.

@@ -24,7 +24,10 @@ def used_buffers(job: Job) -> list[str]:
 
 
 def job_stores(job: Job) -> Stores | None:
-    """Build the buffers of a job as numbers, stops numbered task by task; None without buffers."""
+    """Build a job's buffers as numbers, stops task by task.
+
+    None without buffers.
+    """
     names = used_buffers(job)
     if not names:
         return None
@@ -46,7 +49,7 @@ def stop_lasts(
     nodes: Mapping[tuple[str, int, int], Nodes],
     f: int,
 ) -> FloatArray:
-    """Estimate the times of arrival and dwell end before each stop's end [s], shape (s, 2).
+    """Estimate arrival and dwell end before each stop's end [s], shape (s, 2).
 
     The two lines of a stop are assumed to take equal times, in the quickest posture at the angle.
 
@@ -68,7 +71,7 @@ def stop_lasts(
 
 
 def check_stage_levels(job: Job) -> None:
-    """Raise InfeasibleError if a stage of a decided job lacks a part, or room for one.
+    """Raise InfeasibleError if a decided job's stage lacks a part or room.
 
     Within a stage either arm may be the first at its target.
     """
@@ -105,7 +108,9 @@ def _fault(
 
 
 def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
-    """Pair the stops of a decided job: each arm goes on as soon as buffers and `after` allow.
+    """Pair a decided job's stops, each as early as its rules allow.
+
+    The rules are buffers and `after`.
 
     Both arms make the stops of a hand-over in one stage.
 

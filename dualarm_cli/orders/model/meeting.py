@@ -56,7 +56,7 @@ def pair_handover_postures(
     angles: IntArray,
     cheapest: Sequence[IntArray],
 ) -> list[IntArray]:
-    """Choose the postures of hand-overs in pairs; rows by arm, shape (s, f), -1 for none.
+    """Choose hand-over postures in pairs: rows by arm, (s, f), -1 for none.
 
     Args:
         order: the job's tasks.
@@ -84,7 +84,7 @@ def pair_handover_postures(
 def _pair(
     order: OrderModel, shares: tuple[int, int], giver: int, f: int, names: Sequence[str]
 ) -> tuple[int, int]:
-    """Select the cheapest collision-free pair of the giver's and the taker's posture; rows, -1 for none."""
+    """Select the cheapest collision-free giver and taker postures: rows, -1 for none."""
     keys = [(names[0], shares[0], 1), (names[1], shares[1], 0)]
     rows = [order.rows(*key, f) for key in keys]
     nodes = [order.nodes[key] for key in keys]
@@ -169,7 +169,10 @@ def _with_handovers(
     chosen: Sequence[FloatArray],
     costs: FloatArray,
 ) -> FloatArray:
-    """Insert the costs of hand-overs, in which tools may touch the part; arguments as there."""
+    """Insert the costs of hand-overs, with arguments as in `pair_handover_postures`.
+
+    Tools may touch the part there.
+    """
     for shares in handovers_of(order):
         give, take = stops.index((shares[0], 1)), stops.index((shares[1], 0))
         for giver, pair in enumerate(((give, take), (take, give))):
@@ -183,7 +186,9 @@ def _with_handovers(
 
 
 def stop_conflicts(order: OrderModel, f: int) -> BoolArray:
-    """Test which pairs of the arms' stops collide at one platform angle, shape (s, s).
+    """Test which stop pairs of the arms collide at an angle, (s, s).
+
+    The angle is that of the platform.
 
     Tested at targets and at the starts of approaches, in the cheapest postures. Stops are numbered task by task.
 
@@ -228,7 +233,7 @@ def _touch(
     angle: tuple[IntArray, ...],
     held: IntArray,
 ) -> BoolArray:
-    """Test whether the arms collide at pairs of stops, each at an angle, shape (n,).
+    """Test whether arms collide at stop pairs, each with its angle, (n,).
 
     Targets are tested first, then the sampled points of lines unless the arms are far apart.
     """
@@ -258,7 +263,10 @@ def _touch(
 
 
 def _representatives(arm: FloatArray) -> tuple[IntArray, IntArray]:
-    """Select representative stops and angles (m, 2), and the number of each posture's one, (s, f)."""
+    """Select representative stops and angles (m, 2), and each posture's number, (s, f).
+
+    The number is that of the posture's representative.
+    """
     _, count, f, _ = arm.shape
     index = np.argwhere(np.isfinite(arm[1, :, :, 0]))
     q = arm[1, index[:, 0], index[:, 1]]

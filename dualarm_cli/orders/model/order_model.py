@@ -1,4 +1,7 @@
-"""Model of an open job for the search of arms and orders: postures, times and collisions of each stop."""
+"""Model of an open job for search: postures, times, collisions by stop.
+
+The search chooses arms and orders.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,7 @@ class OrderNodeSettings:
     most_nodes: int = 6000
     """Maximum number of nodes of one stop over all platform angles."""
     few_nodes: int = 24
-    """Maximum number of nodes of a stop and platform angle, for arms without closed forms."""
+    """Maximum nodes per stop and platform angle for arms without closed forms."""
     angle_step: float = np.radians(15.0)
     """Spacing of the platform angles [rad]; that of a rail is in `PlatformChain.spacing`."""
     candidates: int = 16
@@ -55,7 +58,7 @@ class OrderNodeSettings:
     most_lengths: int = 37_000_000
     """Maximum size of one arm's table of stage lengths."""
     options: tuple[tuple[int, ...], ...] = ((12, 6), (40, 4), (120, 2))
-    """Options of a task by number of tasks: pairs of maximum number of tasks and options; one option beyond."""
+    """Options per task as pairs (maximum tasks, options), with a single option beyond."""
 
 
 NODES = OrderNodeSettings()
@@ -72,7 +75,10 @@ class TaskOptions:
     first: FloatArray
     """Time of the first stop, lines and dwell [s], shape (m,)."""
     second: FloatArray
-    """Time from there to the end of the second stop [s], shape (m,); 0 for tasks of one stop."""
+    """Time from there to the second stop's end [s], shape (m,).
+
+    0 for tasks of a single stop.
+    """
     lead: float
     """Least duration of the first line [s]; infinite without options."""
     tail: float
@@ -92,7 +98,7 @@ def hub(
     nodes: Mapping[tuple[str, int, int], Nodes],
     clock: Clock,
 ) -> FloatArray:
-    """Compute the centre of one arm's work [rad]: the median of the nearest postures of its stops.
+    """Compute the centre of an arm's work [rad]: its nearest postures' median.
 
     The iteration starts at the start posture. Given configurations leave no choice that could gather around the centre.
     """
@@ -113,7 +119,7 @@ def hub(
 
 
 def stop_costs(nodes: Nodes, rows: IntArray, start: FloatArray, duration: object) -> FloatArray:
-    """Estimate the time of each posture [s]: the transfer to it, the work, and the return."""
+    """Estimate each posture's time [s]: transfer to it, work, and return."""
     assert callable(duration)
     costs: FloatArray = (
         duration(nodes.q_approach[rows] - start)
@@ -175,7 +181,7 @@ class OrderModel:
     hubs: Mapping[str, FloatArray]
     """Centre of each arm's work [rad]; postures near it are close to each other."""
     tasks: tuple[Task, ...]
-    """Tasks of the job, then the tasks that leave or take a tool at its stand."""
+    """Tasks of the job, then those that leave or take tools."""
 
     @classmethod
     def of(cls, model: CellModel, job: Job, *, check_collisions: bool = True) -> OrderModel:
@@ -253,7 +259,10 @@ class OrderModel:
         )
 
     def _stands(self, name: str, f: int) -> ToolStands | None:
-        """Build the tools and stands of one arm at a platform angle; None without tool changes."""
+        """Build an arm's tools and stands at a platform angle.
+
+        None without tool changes.
+        """
         cell = self.job.cell
         if name not in cell.tool_changes:
             return None
@@ -369,7 +378,7 @@ class OrderModel:
         return stop_costs(nodes, np.arange(len(nodes.angle_index)), self.hubs[name], law.duration)
 
     def rows(self, name: str, t: int, s: int, f: int) -> IntArray:
-        """Select one arm's postures at a stop that are collision-free but for the other arm.
+        """Select an arm's collision-free postures at a stop, the other arm ignored.
 
         Given joint configurations are all checked, of other postures the cheapest ones; the result is sorted by cost.
         """
@@ -424,7 +433,7 @@ class OrderModel:
 
 
 def platform_angles(model: CellModel, job: Job) -> FloatArray:
-    """Sample the platform angles of the search for orders [rad], shape (f, k), the start first.
+    """Sample platform angles for the search [rad], shape (f, k), start first.
 
     One angle if the platform cannot be moved. A platform without limits is turned by at most half a turn to either
     side; a rail is sampled over its whole range [m].

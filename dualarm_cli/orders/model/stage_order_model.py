@@ -1,4 +1,7 @@
-"""Stage problem of an open job: one posture of each arm for each stop and platform angle."""
+"""Stage problem of an open job: postures by arm, stop, platform angle.
+
+Each arm has a single posture there.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,9 @@ WIDTHS = (1, 1, 2, 4, 8, 16)
 def cheapest_postures(
     order: OrderModel, name: str, stops: Sequence[tuple[int, int]], angles: IntArray
 ) -> IntArray:
-    """Find the cheapest collision-free posture of each stop and angle; rows, -1 for none, shape (s, f).
+    """Find the cheapest collision-free posture by stop and angle, rows, (s, f).
+
+    -1 for none.
 
     The first row of `OrderModel.rows` each, computed in rounds for all stops and angles together.
 
@@ -60,7 +65,10 @@ def cheapest_postures(
 def _by_cost(
     order: OrderModel, name: str, nodes: Sequence[Nodes | None], angles: IntArray
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Sort the nodes of each stop by angle and cost; rows, and their ranges, shape (s f,) each."""
+    """Sort stops' nodes by angle and cost: rows and ranges, shape (s f,).
+
+    Both have this shape.
+    """
     rows, first, last = [np.zeros(0, dtype=np.int64)], [], []
     begin = 0
     for stop_nodes in nodes:
@@ -108,13 +116,13 @@ class StageModel:
     """Stage problem of a job, with the stops, angles and postures behind its numbers."""
 
     problem: StageProblem
-    """Stage problem; behind the job's tasks are those that leave and take tools at their stands."""
+    """Stage problem: the job's tasks, then leaving and taking tools at stands."""
     stops: tuple[tuple[int, int], ...]
     """Task and number of every stop."""
     angles: FloatArray
     """Platform angles [rad], shape (f, k)."""
     rows: tuple[IntArray, ...]
-    """Rows of each stop's nodes by angle and arm, shape (s, f); -1 for none."""
+    """Rows of stops' nodes by angle and arm, (s, f), -1 for none."""
 
     def decisions(self, order: OrderModel, stage_order: StageOrder) -> Decisions | None:
         """Convert an order to the decisions of the search over the whole sequence.
@@ -220,7 +228,9 @@ def stage_model(order: OrderModel) -> StageModel:
 
 
 def stage_stands(order: OrderModel, whole: StageProblem) -> StageStands | None:
-    """Number the stops that leave and take each tool; None if no arm changes tools.
+    """Number the stops that leave and take each tool.
+
+    None if no arm changes tools.
 
     Args:
         order: the job's tasks as each arm may do them.
@@ -265,7 +275,7 @@ def _with_partner_work(
 
 
 def _few_angles(order: OrderModel, stops: int) -> IntArray:
-    """Select evenly spaced useful platform angles, the start first, as many as the tables may have."""
+    """Select evenly spaced useful platform angles within table size, the start first."""
     reached = order.reached().any(axis=(0, 1))
     useful = np.flatnonzero(reached)
     preferred = NODES.most_angles * (2 if stops <= NODES.few_stops else 1)
@@ -281,7 +291,7 @@ def _few_angles(order: OrderModel, stops: int) -> IntArray:
 
 
 def _fill_unreachable(leaving: FloatArray, angles: FloatArray) -> FloatArray:
-    """Fill joints at retract ends from the nearest angle in reach, shape (s, f, joints).
+    """Fill retract-end joints from the nearest reachable angle, shape (s, f, joints).
 
     An arm that is idle while the platform turns keeps the joints of its last stop, which may be out of reach from the
     new angle. Stops that are made at that angle are not affected: they are infeasible there.
@@ -343,7 +353,9 @@ def _single_joints(law: RestToRest) -> list[RestToRest]:
 def _windows(
     order: OrderModel, numbers: list[tuple[int, ...]], works: list[FloatArray]
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Compute the earliest approach and the latest end of each stop [s]; None without windows.
+    """Compute stops' earliest approach and latest end [s].
+
+    None without windows.
 
     A window holds for the instant at which the tool is at its target. The two lines of a stop are assumed to take equal
     times.

@@ -48,7 +48,7 @@ def changes_of(job: Job) -> tuple[dict[str, tuple[Task, ...]], tuple[Task, ...]]
 
 
 def cell_after(cell: Cell, tasks: Sequence[Task]) -> Cell:
-    """Update the start tools of a cell to those after some tasks and tool changes."""
+    """Update a cell's start tools to those after tasks and tool changes."""
     changes = dict(cell.tool_changes)
     for task in tasks:
         if task.arm in changes:
@@ -58,7 +58,7 @@ def cell_after(cell: Cell, tasks: Sequence[Task]) -> Cell:
 
 
 def change_tasks(cell: Cell, arm: str, current: str, required: str, task: str) -> tuple[Task, ...]:
-    """List the stops of a tool change: leave the old tool, take the new one.
+    """List the stops of a tool change: leave old, take new.
 
     Args:
         cell: cell with tools and stands.
@@ -95,7 +95,7 @@ def stand_task(cell: Cell, arm: str, tool: str, action: Action, name: str) -> Ta
 
 
 def stand_tasks(cell: Cell) -> tuple[Task, ...]:
-    """List all tasks at stands: each arm may leave and take each of its tools."""
+    """List all tasks at stands: each arm leaves and takes its tools."""
     actions: tuple[Action, ...] = ("leave_tool", "take_tool")
     return tuple(
         stand_task(cell, arm, tool, action, _stand_name(arm, tool, action))
@@ -110,14 +110,17 @@ def _stand_name(arm: str, tool: str, action: str) -> str:
 
 
 def stop_name(task: Task) -> str:
-    """Build the name of a task in any order: its id, or tool and arm of a visit to a stand."""
+    """Build a task's name in any order.
+
+    It is the task's id, or tool and arm of a visit to a stand.
+    """
     if not task.is_change:
         return task.id
     return _stand_name(task.arm, task.tool, task.stops[0].action)
 
 
 def paired_as(job: Job, slots: IntArray) -> Job:
-    """Pair the stops of a decided job into stages; each arm keeps the job's order.
+    """Pair a decided job's stops into stages, in order on each arm.
 
     Args:
         job: decided job with its tool changes.

@@ -24,7 +24,10 @@ class Aligned:
     """Pairing of the arms' stops into stages."""
 
     slots: IntArray
-    """Stops by stage and arm, shape (n, arms), IDLE for none; up to a deadlock, if any."""
+    """Stops by stage and arm, (n, arms), IDLE for none.
+
+    They end at a deadlock, if any.
+    """
     at: tuple[int, ...]
     """Number of finished stops of each arm."""
     is_whole: bool
@@ -135,7 +138,10 @@ class _Rules:
 
 
 class Alignments:
-    """Optimal stages of many rows: dynamic programming over the progress of both arms and the angles."""
+    """Optimal stages of many rows: dynamic programming over arm progress and angles.
+
+    The progress is that of both arms.
+    """
 
     def __init__(
         self, problem: StageProblem, queues: Sequence[IntArray], early: float = 0.0
@@ -159,13 +165,16 @@ class Alignments:
         self._values: dict[tuple[int, ...], FloatArray] = {}
 
     def _changes(self, stores: Stores) -> list[IntArray]:
-        """Sum the buffer changes of each arm's first stops, shape (b, n + 1, K)."""
+        """Sum each arm's buffer changes over first stops, (b, n + 1, K)."""
         zero = np.zeros((self._b, 1, len(stores.initial)), dtype=np.int64)
         change = [stores.change[rows] for rows in self._queues]
         return [np.concatenate([zero, np.cumsum(steps, axis=1)], axis=1) for steps in change]
 
     def _ends(self, rows: IntArray) -> IntArray:
-        """Count the stops up to the end of each task; one more than there are for missing tasks."""
+        """Count the stops up to the end of each task.
+
+        For missing tasks it is the number of stops plus 1.
+        """
         n = rows.shape[1]
         ends = np.full((self._b, len(self._problem.tasks)), n + 1)
         for t, stops in enumerate(self._problem.tasks):
@@ -207,7 +216,7 @@ class Alignments:
         return np.stack(rows, axis=1)
 
     def _stage(self, at: tuple[int, ...], move: Moves) -> tuple[FloatArray, IntArray]:
-        """Compute the ends of a stage that leads to a state, with the best angles before."""
+        """Compute a stage's ends at a state, with the best earlier angles."""
         before = tuple(k - moves for k, moves in zip(at, move, strict=True))
         idle = np.full(self._b, IDLE)
         stops = np.stack(

@@ -1,4 +1,7 @@
-"""Tool changes of paired arms: stage lengths with whole changes, and stages with the stops at stands."""
+"""Tool changes of paired arms: stage lengths with whole changes, stages with stands.
+
+A stage with stands has the stops at stands.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from dualarm_cli.records import dataclass
 
 
 def closed(problem: StageProblem, order: StageOrder) -> StageOrder:
-    """Correct the total of an order: every arm returns to the start of its first stop.
+    """Correct an order's total: arms return to their first stops' starts.
 
     The search counts the shortest return to any stop; the angles stay as chosen.
 
@@ -42,7 +45,10 @@ def closed(problem: StageProblem, order: StageOrder) -> StageOrder:
 
 
 EARLY = 1e-5
-"""Penalty of a stage in which an arm with remaining stops is idle [s]; breaks ties in favour of early stops."""
+"""Penalty of a stage idle for an arm with remaining stops [s].
+
+It breaks ties in favour of early stops.
+"""
 
 
 def best_stages(problem: StageProblem, rows: Sequence[Sequence[int]]) -> IntArray:
@@ -68,7 +74,7 @@ def best_stages(problem: StageProblem, rows: Sequence[Sequence[int]]) -> IntArra
 
 @dataclass(frozen=True)
 class StageTools:
-    """Tools and tool changes of one arm: tool of each of s stops, stops at stands."""
+    """Tools and changes of an arm: tools of s stops, stand stops."""
 
     tool: tuple[int, ...]
     """Number of each stop's tool, NO_TOOL for none, shape (s,)."""
@@ -93,7 +99,7 @@ class StageStands:
     """Stage problem with the stops at stands, and their tools."""
 
     whole: StageProblem
-    """Stage problem: first the tasks, then those of one stop that take or leave a tool at its stand."""
+    """Stage problem: tasks, then single-stop tasks that take or leave tools."""
     tools: tuple[StageTools | None, ...]
     """Tools of each arm; None without tool changes."""
 
@@ -161,7 +167,7 @@ def _changed(
 
 
 def _over_angles(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Compute least sums over the angle in between; shapes (i, f, f) and (j, f, f)."""
+    """Compute least sums over middle angles, shapes (i, f, f), (j, f, f)."""
     f = first.shape[1]
     sums = np.full((len(first), len(second), f, f), np.inf)
     for k in range(f):

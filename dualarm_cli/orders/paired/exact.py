@@ -1,4 +1,7 @@
-"""Enumeration of few tasks in stages: all assignments and orders, the k-th stops of all arms in one stage."""
+"""Enumeration of few tasks in stages: all assignments and orders.
+
+The k-th stops of all arms are in the same stage.
+"""
 
 from __future__ import annotations
 
@@ -80,7 +83,7 @@ def _best_with_buffers(
 
 
 def _queues(problem: StageProblem) -> Iterator[list[IntArray]]:
-    """Yield every order for each assignment of tasks: the stops of each arm, shape (b, n)."""
+    """Yield all orders by assignment: each arm's stops, shape (b, n)."""
     units = StageSearch(problem, 0).units
     for orders in _orders_by_arm(problem, units):
         count = prod(len(arm_orders) for arm_orders in orders)
@@ -122,7 +125,7 @@ def _orders(problem: StageProblem) -> Iterator[IntArray]:
 
 
 def side_by_side(problem: StageProblem, rows: Sequence[Sequence[StopUnit]]) -> IntArray | None:
-    """Build stages in which each arm makes its next stop as soon as it may.
+    """Build stages, each stop as early as its rules allow.
 
     None in a deadlock, or if a rule is violated. With buffers an arm also waits if the order would end in a deadlock
     otherwise.

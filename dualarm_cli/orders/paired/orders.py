@@ -1,4 +1,6 @@
-"""Search for the best orders of stages: enumeration of few tasks, else ruin and recreate from several orders.
+"""Search for the best stage orders: enumeration, or ruin and recreate.
+
+Few tasks are enumerated; ruin and recreate begins with several orders.
 
 Orders of many stages without rules are improved by simulated annealing.
 """
@@ -71,7 +73,10 @@ def _candidates(remaining: list[tuple[int, ...]], due: tuple[int, ...]) -> IntAr
 def _stages(
     problem: StageProblem, last: list[int], at: int, choices: list[IntArray], first: int
 ) -> list[tuple[float, float, int, tuple[int, ...]]]:
-    """List the best stage at each angle, one arm choosing first: rating, sum, angle and stops."""
+    """List each angle's best stage, given the arm that chooses first.
+
+    Entries are rating, sum, angle and stops.
+    """
     second, stages = 1 - first, []
     for g in range(len(problem.turn)):
         times = problem.length[first][last[first], choices[first], at, g]
@@ -104,7 +109,10 @@ class StageSearchSettings:
     near: float = 0.02
     """Largest relative excess of near-optimal orders over the best one."""
     many: int = 100
-    """Number of units above which insertion makes no first order, unless no simpler order is feasible."""
+    """Number of units above which insertion makes no first order.
+
+    It is still made if no simpler order is feasible.
+    """
     first_tries: int = 6
     """Maximum number of insertions that are tried for a first feasible order."""
     hot: float = 0.06
@@ -306,7 +314,9 @@ def _first(search: StageSearch, start: IntArray | None, *, in_order: bool) -> St
 
 
 def in_file_order(problem: StageProblem, units: list[StopUnit]) -> IntArray | None:
-    """Build stages in the file's order; open tasks by the arm with fewer stops so far.
+    """Build stages in file order, open tasks by the less busy arm.
+
+    That arm has fewer stops so far.
 
     None if that violates a rule.
     """
@@ -345,7 +355,10 @@ def by_nearest(problem: StageProblem, _units: list[StopUnit]) -> IntArray | None
 
 
 def _append(rows: list[list[StopUnit]], unit: StopUnit, a: int) -> None:
-    """Append a unit to an arm's row; of a hand-over also the taker's part to the other row."""
+    """Append a unit to an arm's row.
+
+    Of a hand-over the taker's part goes to the other row.
+    """
     if not unit.meets:
         rows[a].append(unit)
         return

@@ -1,4 +1,7 @@
-"""Stages of paired arms on a turning platform as numbers: stops and platform angle of each stage."""
+"""Paired arms' stages on a turning platform as numbers.
+
+A stage has stops and a platform angle.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +26,12 @@ class StageProblem:
     """
 
     length: tuple[FloatArray, ...]
-    """Length of each arm's part of a stage [s]; shape (s + 1, s + 2, f, f), infinite if infeasible. From stop i at
-    angle f to stop j at angle g; the last row is from the start (the same for all f). Column s is the return (0 without
-    one; without the platform's turn). Column s + 1, for IDLE, is minus infinity."""
+    """Stage part lengths by arm [s], (s + 1, s + 2, f, f).
+
+    Infinite if infeasible. From stop i at angle f to stop j at angle g; the last row is from the start (the same for
+    all f). Column s is the return (0 without one; without the platform's turn). Column s + 1, for IDLE, is minus
+    infinity.
+    """
     work: tuple[FloatArray, ...]
     """Part of that length after the transfer by arm [s], shape (s, f)."""
     turn: FloatArray
@@ -47,11 +53,15 @@ class StageProblem:
     in_file_order: bool = False
     """Whether each arm does its tasks in the order of their numbers."""
     handovers: tuple[tuple[int, int], ...] = ()
-    """Pairs of the giver's and the taker's task of each hand-over. Each arm does one of them, and the last stop of the
-    first is in the same stage as the first stop of the second."""
+    """Pairs of the giver's and the taker's task of each hand-over.
+
+    Each arm does one of them, and the last stop of the first is in the same stage as the first stop of the second.
+    """
     pair_cost: FloatArray | None = None
-    """Cost of simultaneous stops of both arms by angle [s]; shape (s + 2, s + 2, f). Infinite if the arms collide; 0 in
-    the last row and column, for IDLE."""
+    """Cost of simultaneous stops by angle [s], (s + 2, s + 2, f).
+
+    Infinite if the arms collide; 0 in the last row and column, for IDLE.
+    """
     stores: Stores | None = None
     """Buffers for parts between stops, or None."""
 
@@ -80,11 +90,14 @@ class StageOrder:
     angles: IntArray
     """Number of the platform angle of each stage, shape (n,)."""
     total: float
-    """Makespan [s] with the penalties for lateness, missing parts and missing room; infinite if infeasible."""
+    """Makespan with penalties [s], infinite if infeasible.
+
+    Penalties are for lateness, missing parts and missing room.
+    """
 
 
 def split_pairs(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:
-    """Split the stages of an order (n, 2) in which given pairs of stops are made."""
+    """Split the stages of an order (n, 2) with given stop pairs."""
     rows = []
     for first, second in slots.tolist():
         if (first, second) in pairs:
@@ -96,7 +109,7 @@ def split_pairs(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:
 
 @dataclass(frozen=True)
 class StopUnit:
-    """Stops that one arm makes directly one after the other: of a task or of a sequence of tasks.
+    """Consecutive stops of an arm: of a task or sequence of tasks.
 
     Or both tasks of a hand-over: two stops of the giver, then two of the taker, with the meeting in the middle.
     """
@@ -106,7 +119,10 @@ class StopUnit:
     stops: tuple[int, ...]
     """Stops of the tasks."""
     arms: tuple[int, ...]
-    """Arms that can make all stops; of a hand-over those that can give while the other one takes."""
+    """Arms that can make all stops, or can give in a hand-over.
+
+    The other arm takes then.
+    """
     meets: bool = False
     """Whether the unit is a hand-over."""
 

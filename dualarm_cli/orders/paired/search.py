@@ -1,4 +1,4 @@
-"""Ruin and recreate of stages: tasks are removed and inserted where the makespan is then least."""
+"""Ruin and recreate of stages: tasks removed, then inserted at least makespan."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def meeting_places(
     span: tuple[int, int],
     middle: Sequence[BoolArray],
 ) -> list[InsertionPlace]:
-    """List every place for a hand-over: a stage for both arms, with stages before and after.
+    """List a hand-over's places: a common stage, with stages around it.
 
     The giver's first stop comes before the meeting and the taker's last one after it, in new stages or in adjacent
     stages in which the arm is idle.
@@ -206,7 +206,7 @@ class Insertions:
         return times + missing_parts(self._problem, whole, self._ends)
 
     def _orders(self, tries: list[InsertionPlace], slots: IntArray) -> IntArray:
-        """Insert stops at each of some places, shape (b, stages, arms), padded with IDLE stages."""
+        """Insert stops at given places, shape (b, stages, arms), padded with IDLE."""
         orders = [place.done(slots) for place in tries]
         batch = np.full((len(orders), max(len(order) for order in orders), slots.shape[1]), IDLE)
         for k, order in enumerate(orders):
@@ -214,7 +214,7 @@ class Insertions:
         return batch
 
     def _next_active(self) -> list[list[int]]:
-        """List the stage after each arm's next stop from every stage, or the number of stages."""
+        """List arms' next stops after each stage, or the number of stages."""
         n = len(self._whole)
         stages_by_arm = []
         for a in range(self._whole.shape[1]):
@@ -431,7 +431,7 @@ class StageSearch:
     def inserted(
         self, slots: IntArray, units: list[int], blink: float, ends: Ends | None
     ) -> IntArray | None:
-        """Insert units one by one at least makespan; None if a unit has no place."""
+        """Insert units singly at least makespan; None if a unit has no place."""
         for u in units:
             options = self._places(slots, u, ends)
             if not options:

@@ -19,11 +19,14 @@ class Ends:
     last_stops: IntArray
     """Last stop of each arm before the stretch, shape (arms,) or (b, arms)."""
     values: FloatArray
-    """Earliest end of the stage before, by platform angle [s], shape (f,) or (b, f)."""
+    """Earliest end of the previous stage by angle [s], (f,) or (b, f)."""
     next_stages: IntArray
-    """Stages directly after the stretch, until each arm has had a stop, shape (m, arms)."""
+    """Stages after the stretch, until each arm has stopped, shape (m, arms)."""
     remaining: FloatArray | None
-    """Remaining time after those stages by angle [s], shape (f,) or (b, f); None for the return alone."""
+    """Time after those stages by angle [s], (f,) or (b, f).
+
+    None for the return alone.
+    """
     parts: IntArray | None = None
     """Parts in each buffer before the stretch, shape (K,); None without buffers."""
 
@@ -62,7 +65,10 @@ def totals(problem: StageProblem, slots: IntArray, ends: Ends | None = None) -> 
 
 
 def missing_parts(problem: StageProblem, slots: IntArray, ends: Ends | None) -> FloatArray:
-    """Compute the penalties of b orders for missing parts and room [s], shape (b,); as in `totals`."""
+    """Compute the penalties of b orders for missing parts, room [s], (b,).
+
+    Arguments as in `totals`.
+    """
     if problem.stores is None or (ends is not None and ends.parts is None):
         return np.zeros(len(slots))
     return problem.stores.missing(slots, None if ends is None else ends.parts)
@@ -76,7 +82,9 @@ def with_angles(problem: StageProblem, slots: IntArray) -> StageOrder:
 
 
 def previous(slots: IntArray, start: int, last_stops: IntArray | None = None) -> IntArray:
-    """Compute each arm's last stop before each stage and after all; shape (b, n + 1, arms).
+    """Compute each arm's last stop around all stages, (b, n + 1, arms).
+
+    Row i is before stage i, the last row after all.
 
     Args:
         slots: stops, shape (b, n, arms).
@@ -95,7 +103,7 @@ def previous(slots: IntArray, start: int, last_stops: IntArray | None = None) ->
 
 
 class Stretches:
-    """Values of an order from its start to every stage, and from there to its end."""
+    """Values of an order from its start and to its end, by stage."""
 
     def __init__(self, problem: StageProblem, slots: IntArray) -> None:
         """Compute the values in both directions."""
@@ -224,7 +232,7 @@ def stage_values(
 
 
 def in_windows(problem: StageProblem, stops: IntArray, stage_ends: FloatArray) -> FloatArray:
-    """Add waits for windows and lateness penalties to the ends (b, f) of a stage."""
+    """Add window waits and lateness penalties to stage ends (b, f) [s]."""
     if problem.not_before is not None:
         for a in range(stops.shape[1]):
             floor = _window_floor(problem, a, stops[:, a], stops[:, a] != IDLE)

@@ -1,4 +1,6 @@
-"""Constraint programme of orders for OR-Tools' CP-SAT, in whole milliseconds: a bound, and good orders.
+"""Constraint programme of orders for CP-SAT [ms]: a bound, and good orders.
+
+Times are whole milliseconds; CP-SAT is the solver of OR-Tools.
 
 Times are rounded down, so the bound holds for the problem itself. Waits of paired arms for each other are left out for
 the same reason.

@@ -1,4 +1,4 @@
-"""Graph of stages: an order is a path through it that has every stop once."""
+"""Graph of stages, with orders as paths that have each stop once."""
 
 from __future__ import annotations
 
@@ -19,10 +19,13 @@ SPARSE = 0.25
 
 
 class StageEdges(Protocol):
-    """Edge lengths [s] from m to n nodes in single precision; infinite without an edge."""
+    """Edge lengths [s] from m to n nodes, infinite without an edge.
+
+    They are in single precision.
+    """
 
     def least(self, values: SingleArray) -> SingleArray:
-        """Compute the least sum of edge length and source value (m,) for each target, (n,)."""
+        """Compute targets' least sums of edge length and source value (m,), (n,)."""
         ...
 
     def rows(self, source: IntArray) -> SingleArray:
@@ -55,7 +58,10 @@ class DenseEdges:
     """Lengths of all edges."""
 
     table: SingleArray
-    """Lengths by target and source [s], shape (n, m). `least` then reads memory in its order."""
+    """Lengths by target and source [s], shape (n, m).
+
+    `least` then reads memory in its order.
+    """
 
     def least(self, values: SingleArray) -> SingleArray:
         """See `StageEdges`."""
@@ -324,7 +330,7 @@ def count_nodes(problem: StageProblem) -> int:
 
 
 def followers(problem: StageProblem) -> tuple[IntArray, IntArray]:
-    """List the required next and previous stop of each stop, shape (s,); IDLE for any."""
+    """List each stop's required next and previous stops, (s,), IDLE for any."""
     after = np.full(problem.stops, IDLE)
     before = np.full(problem.stops, IDLE)
     within = {t for row in problem.sequences for t in row}
@@ -344,7 +350,7 @@ def task_of(problem: StageProblem) -> IntArray:
 
 
 def _nodes(problem: StageProblem, *, singles: bool) -> tuple[IntArray, IntArray]:
-    """List stops (m, 2) and angles (m,) of all feasible stages, those of both arms first."""
+    """List feasible stages' stops (m, 2) and angles (m,), both arms first."""
     reachable_by_arm = [np.isfinite(work) for work in problem.work]
     both = reachable_by_arm[0][:, None, :] & reachable_by_arm[1][None, :, :]
     task = task_of(problem)

@@ -1,4 +1,6 @@
-"""Label setting over orders of stages: dynamic programming over the finished stops, with lower bounds.
+"""Label setting over orders of stages, with lower bounds.
+
+It is dynamic programming over the finished stops.
 
 Labels that cannot become quicker than a known order are dropped, so that few enough remain to prove orders of some
 twenty stops optimal. If too many remain, the labels with the least bounds are kept, and the others give the bound.
@@ -20,7 +22,10 @@ from dualarm_cli.records import dataclass
 
 
 class StageSteps:
-    """Lengths and rules of steps from known last stops; the number of stops stands for the start."""
+    """Lengths and rules of steps from known last stops.
+
+    The number of stops stands for the start.
+    """
 
     def __init__(self, graph: StageGraph) -> None:
         """Prepare the required neighbours of each stop."""
@@ -41,7 +46,9 @@ class StageSteps:
         return np.where(stops == IDLE, idle[:, None], stops)
 
     def idle(self, last_stops: IntArray, node: IntArray) -> IntArray:
-        """Compute the last stop of the idle arm of stages, shape (n,); IDLE if none is idle.
+        """Compute the idle arm's last stop in stages, shape (n,).
+
+        IDLE if none is idle.
 
         Args:
             last_stops: each arm's last stop before them, shape (n, 2).
@@ -139,7 +146,7 @@ class Continuations:
         return cls(begin, column[order], value[order] + step * row, step)
 
     def counts(self, budget: FloatArray, row: IntArray, limit: int) -> tuple[IntArray, float]:
-        """Count the affordable cheapest continuations of each label, (n,), and the cut of its budget.
+        """Count each label's affordable cheapest continuations, (n,), and its budget's cut.
 
         Args:
             budget: budget of each label [s], shape (n,).
@@ -172,7 +179,10 @@ class Searched:
     """Result of the label search."""
 
     orders: tuple[IntArray, ...]
-    """Nodes of the best orders, shape (n,) each, best first; only orders quicker than the known one."""
+    """Nodes of the best orders, (n,) each, best first.
+
+    Only orders quicker than the known one.
+    """
     bound: float
     """Lower bound of all orders [s]."""
 
@@ -186,8 +196,10 @@ class _Labels:
     node: IntArray
     """Node of the last stage, shape (n,)."""
     idle: IntArray
-    """Last stop of the arm that is idle in the last stage, shape (n,). The number of stops stands for none yet, IDLE
-    for no idle arm."""
+    """Idle arm's last stop, by label, shape (n,).
+
+    The arm is the one that is idle in the last stage. The number of stops stands for none yet, IDLE for no idle arm.
+    """
     over: FloatArray
     """Earliest end of the last stage [s], shape (n,)."""
 
@@ -234,7 +246,7 @@ class LabelSearch:
         self._layers: list[_Labels] = [_none() for _ in range(self._count + 1)]
 
     def run(self, count: int = 1) -> Searched:
-        """Search the best orders that are quicker than the known one, with a lower bound.
+        """Search the best orders quicker than the known one, with a lower bound.
 
         Args:
             count: maximum number of different orders.
@@ -264,7 +276,10 @@ class LabelSearch:
         return self._on_time(_Labels(self._bits[rows], rows, idle, graph.first[rows]))
 
     def _extended(self, labels: _Labels, k: int, weight: int) -> _Labels:
-        """Extend labels by a stage of `weight` stops if they may still become a quicker order."""
+        """Extend labels by a stage of `weight` stops, if possibly quicker.
+
+        They may still become a quicker order than the known one.
+        """
         graph, remaining = self.graph, self._count - k - weight
         next_nodes = np.flatnonzero(
             (graph.weight == weight) & np.isfinite(self._remaining[remaining])
@@ -312,7 +327,10 @@ class LabelSearch:
         return _Labels(made, node, self._steps.idle(last_stops, node), labels.over + lengths)
 
     def _fewer(self, labels: _Labels, k: int) -> _Labels:
-        """Select the best label per node and set of stops, then those with the least bounds."""
+        """Select labels: the best by node and stops, then by bound.
+
+        Stops are the set of finished stops; the least bounds remain.
+        """
         labels = _best_of_same(labels)
         bound = self._bound(labels, k)
         below = bound < self.upper
@@ -341,7 +359,7 @@ class LabelSearch:
         return replace(labels, over=over).take(np.isfinite(over))
 
     def _waited(self, labels: _Labels) -> FloatArray:
-        """Compute the ends of labels after waits for windows [s], infinite if late, shape (n,)."""
+        """Compute label ends after window waits [s], shape (n,), infinite if late."""
         problem, over = self.graph.problem, np.array(labels.over)
         stops, angle = self.graph.stops[labels.node], self.graph.angle[labels.node]
         for a in range(2):

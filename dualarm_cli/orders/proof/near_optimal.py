@@ -16,7 +16,9 @@ from dualarm_cli.orders.proof.prices import Prices, needed
 from dualarm_cli.orders.proof.proof import keeps_rules
 
 Look = Callable[[StageGraph, IntArray], FloatArray]
-"""Callback that estimates the extra time of moves between nodes [s], shape (k,); arguments as of `StageGraph.longer`.
+"""Estimate of extra time of moves between nodes [s], shape (k,).
+
+A callback with the arguments of `StageGraph.longer`.
 """
 
 

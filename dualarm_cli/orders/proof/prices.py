@@ -1,4 +1,4 @@
-"""Lower bound of all orders of stages: shortest paths that may repeat stops, with a price for each stop.
+"""Lower bound of stage orders: shortest paths with stop prices, repeats allowed.
 
 Lagrangian relaxation [Held1971] of paths with as many stops as there are [Christofides1981].
 """
@@ -28,9 +28,15 @@ class PriceSettings:
     shorter: float = 0.6
     """Shrink factor of the steps."""
     little: float = 1e-3
-    """Least improvement of the bound that counts, at the first step length [s]. It shrinks with the steps."""
+    """Least counted improvement of the bound at the first step length [s].
+
+    It shrinks with the steps.
+    """
     few_nodes: int = 3000
-    """Number of nodes above which prices are first computed for a subset of this size."""
+    """Largest number of nodes for which prices are computed at once.
+
+    Above it they are first computed for a subset of this size.
+    """
     shortest: float = 2e-3
     """Step length below which the search for prices ends, relative to the first one."""
 
@@ -70,7 +76,7 @@ class Paths:
         return np.append(price, 0.0)[self.graph.stops].sum(axis=1).astype(np.float32)
 
     def forward(self, price: FloatArray) -> SingleArray:
-        """Compute least path lengths to each node, less prices, by finished stops; (s + 1, m)."""
+        """Compute least lengths to nodes, less prices, by finished stops, (s + 1, m)."""
         paid = self.paid(price)
         lengths = np.full((self.count + 1, self.graph.nodes), np.inf, dtype=np.float32)
         for weight, rows in self._groups:
@@ -82,7 +88,7 @@ class Paths:
         return lengths
 
     def backward(self, price: FloatArray) -> SingleArray:
-        """Compute least path lengths from each node, less prices, by remaining stops; (s + 1, m)."""
+        """Compute least lengths from nodes, less prices, by remaining stops, (s + 1, m)."""
         paid = self.paid(price)
         lengths = np.full((self.count + 1, self.graph.nodes), np.inf, dtype=np.float32)
         lengths[0] = self.graph.last
@@ -190,7 +196,7 @@ def good_prices(
 
 
 def needed(graph: StageGraph, prices: Prices, upper: float) -> IntArray:
-    """List the nodes that may be in an order that is quicker than a known one."""
+    """List the nodes possible in an order quicker than a known one."""
     paths = Paths(graph)
     to, on = paths.forward(prices.price), paths.backward(prices.price)
     least = (to + on[::-1]).min(axis=0) + prices.price.sum() - ROUNDING

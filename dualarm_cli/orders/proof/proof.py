@@ -32,7 +32,7 @@ class StageProof:
 
 
 def can_prove(problem: StageProblem, nodes: int) -> bool:
-    """Test whether a proof is small enough: two arms, few stops, at most `nodes` nodes."""
+    """Test provability: two arms, few stops, at most `nodes` nodes."""
     few = len(problem.length) == 2 and 0 < problem.stops <= MOST_STOPS
     return few and count_nodes(problem) <= nodes
 

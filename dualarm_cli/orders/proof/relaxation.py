@@ -1,4 +1,7 @@
-"""Relaxation of the search for orders: least times between tasks over all options and platform angles."""
+"""Relaxation of order search: least times between tasks.
+
+Options and platform angles are all free.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,7 @@ def pair_bound(problem: StageProblem) -> float:
 
 
 def _least(length: FloatArray, stops: int) -> FloatArray:
-    """Compute an arm's least stage lengths by stop and both angles [s], shape (s, f, f)."""
+    """Compute an arm's least stage lengths by stop, angles [s], (s, f, f)."""
     lengths: FloatArray = np.full((stops, *length.shape[2:]), np.inf)
     for k, row in enumerate(length):
         # A stop does not follow itself.
@@ -67,11 +70,14 @@ def _least_return(problem: StageProblem) -> float:
 
 @dataclass(frozen=True)
 class Relaxation:
-    """Tasks with least times between their ends by arm; a lower bound of all orders."""
+    """Tasks with least times by arm between ends: a bound of all orders."""
 
     cost: tuple[FloatArray, ...]
-    """Least time between the ends of tasks i and j by arm [s]; shape (n + 1, n + 1). Infinite if the arm cannot do one
-    of them, whatever the rules. The last row is from the start, the last column the return."""
+    """Least times between task ends by arm [s], (n + 1, n + 1).
+
+    Entry (i, j) is between the ends of tasks i and j. Infinite if the arm cannot do one of them, whatever the rules.
+    The last row is from the start, the last column the return.
+    """
     least: FloatArray
     """Least time of each task on any arm [s], shape (n,)."""
     before: tuple[tuple[int, int], ...] = ()
@@ -85,7 +91,10 @@ class Relaxation:
     in_file_order: bool = False
     """Whether each arm does its tasks in the order of their numbers."""
     stores: Stores | None = None
-    """Buffers; row 2 t of the changes is the first stop of task t, row 2 t + 1 the last one, 0 if that is the same."""
+    """Buffers, with two rows of changes per task.
+
+    Row 2 t is the first stop of task t, row 2 t + 1 the last one, 0 if that is the same.
+    """
 
     @property
     def tasks(self) -> int:
@@ -143,7 +152,10 @@ def relax_options(problem: SequencingProblem) -> Relaxation:
 
 
 def _by_task(stores: Stores | None, stops: Sequence[int]) -> Stores | None:
-    """Reduce buffers to two rows per task, its first and last stop; 0 if they are the same."""
+    """Reduce buffers to two rows per task: first and last stop.
+
+    The last one is 0 if they are the same.
+    """
     if stores is None:
         return None
     change = np.zeros((2 * len(stops) + 1, len(stores.initial)), dtype=np.int64)
@@ -156,7 +168,10 @@ def _by_task(stores: Stores | None, stops: Sequence[int]) -> Stores | None:
 
 
 def relax_stages(problem: StageProblem) -> Relaxation:
-    """Relax the platform angles of stages, each arm as if the platform moved for it alone."""
+    """Relax the platform angles of stages.
+
+    Each arm's times are as if the platform moved for it alone.
+    """
     n = len(problem.tasks)
     first = np.array([task[0] for task in problem.tasks])
     last = np.array([*(task[-1] for task in problem.tasks), problem.stops])

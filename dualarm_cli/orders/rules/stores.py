@@ -18,7 +18,9 @@ class Stores:
     """K buffers, and the changes by each of s stops."""
 
     change: IntArray
-    """Change by each stop, shape (s + 1, K): 1 for a part put in, -1 for one taken out; the last row, for IDLE, is 0.
+    """Change by each stop, shape (s + 1, K).
+
+    1 for a part put in, -1 for one taken out; the last row, for IDLE, is 0.
     """
     capacity: IntArray
     """Capacities [parts], shape (K,)."""
@@ -48,7 +50,7 @@ class Stores:
 
     @property
     def is_possible(self) -> bool:
-        """Test whether the levels at the start and after all stops are within the capacity."""
+        """Test whether levels at start and end are within the capacity."""
         end = self.initial + self.change.sum(axis=0)
         levels = np.stack([self.initial, end])
         return bool(((levels >= 0) & (levels <= self.capacity)).all())
@@ -82,7 +84,7 @@ class Stores:
         return count
 
     def missing(self, slots: IntArray, level: IntArray | None = None) -> FloatArray:
-        """Compute the penalty of b orders for missing parts and missing room [s], shape (b,).
+        """Compute penalties of b orders for missing parts, room [s], shape (b,).
 
         Args:
             slots: stops, shape (b, n, arms), IDLE where an arm has none.

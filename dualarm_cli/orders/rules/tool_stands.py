@@ -15,7 +15,10 @@ NO_TOOL = -1
 
 @dataclass(frozen=True)
 class ToolStands:
-    """Tools and stands of one arm: m tools for n tasks, up to w options to leave and to take each."""
+    """Tools and stands of an arm, n tasks, m tools, w options.
+
+    There are up to w options to leave and to take each tool.
+    """
 
     tool: IntArray
     """Number of each task's tool, shape (n,); NO_TOOL for none."""
@@ -24,7 +27,10 @@ class ToolStands:
     home: int
     """Tool at the end, if the arm returns."""
     entry: FloatArray
-    """Joints at the start of the approach to a stand [rad]; to leave and to take a tool, shape (2, m, w, joints)."""
+    """Joints at stand approach starts [rad], shape (2, m, w, joints).
+
+    The first index is 0 to leave and 1 to take a tool.
+    """
     leaving: FloatArray
     """Joints at the end of the retract [rad], shape (2, m, w, joints)."""
     work: FloatArray

@@ -72,7 +72,10 @@ class FreePlanner:
     check_collisions: bool
     """Whether collisions are checked."""
     end: FloatArray | None = None
-    """Prescribed joints at the end [rad], shape (n,), for jobs without a return; None to end after the last tasks."""
+    """Prescribed end joints [rad], shape (n,), for jobs without a return.
+
+    None to end after the last tasks.
+    """
 
     def plan(self, angle: FloatArray) -> Motion:
         """Plan the motion with the platform at an angle (k,) during tool work.

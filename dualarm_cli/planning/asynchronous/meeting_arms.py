@@ -102,7 +102,7 @@ class MeetingBuffers:
             self._uses.append(arm_uses)
 
     def blocked(self, band: int) -> BoolArray:
-        """Return where parts or room are missing, shape (steps + 1, 2 band + 1)."""
+        """Return places of missing parts or room, (steps + 1, 2 band + 1)."""
         n, m = self._steps
         i = np.arange(n + 1)[:, None]
         j = np.clip(i + np.arange(2 * band + 1)[None, :] - band, 0, m)
@@ -427,7 +427,7 @@ def _in_steps(
 
 
 def _reason(place: int, reasons: Mapping[int, tuple[float, WaitReason]]) -> WaitReason:
-    """Return the reason of a wait: at its place, or the next one with a reason."""
+    """Return a wait's reason: at its place, or the next reason."""
     places = [candidate for candidate in sorted(reasons) if place <= candidate <= place + GRID.soon]
     return reasons[places[0]][1] if places else "shared_zone"
 

@@ -75,7 +75,7 @@ class OwnClock:
         return self.trajectory.duration
 
     def rests(self) -> list[float]:
-        """Return the increasing instants at which the arm may wait, by its own clock [s].
+        """Return the increasing instants of possible waits by the arm's clock [s].
 
         These are departures, starts of lines and starts of tasks without duration, if the arm is at rest there.
         """
