@@ -6,14 +6,13 @@ import errno
 from collections.abc import Mapping
 from dataclasses import field
 from difflib import get_close_matches
-from pathlib import Path
 from reprlib import repr as shortened
 from typing import Any
 
 from dualarm_cli.explanations import Explanation, explanations
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal, codes, message
-from dualarm_cli.system import memory_limit
+from dualarm_cli.system import memory_limit, peak_memory
 
 
 def did_you_mean(word: str, words: list[str]) -> str:
@@ -235,9 +234,4 @@ def lacks_memory(error: BaseException) -> bool:
     if any(words in str(error) for words in _OUT_OF_MEMORY):
         return True
     allowed = memory_limit()
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-        peak = next(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmPeak:"))
-    except (OSError, StopIteration):
-        return False
-    return allowed is not None and peak > _NEARLY_ALL * allowed
+    return allowed is not None and peak_memory() > _NEARLY_ALL * allowed

@@ -12,6 +12,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Mapping
+from pathlib import Path
 
 try:
     import fcntl
@@ -39,6 +40,15 @@ def memory_limit() -> int | None:
         return None
     allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
     return None if allowed == resource.RLIM_INFINITY else allowed
+
+
+def peak_memory() -> int:
+    """Read the largest address space of this process so far [B], 0 if unknown."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmPeak:"))
+    except (OSError, StopIteration):
+        return 0
 
 
 def limit_resources(limits: Mapping[str, int]) -> None:
