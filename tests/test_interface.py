@@ -295,7 +295,14 @@ def test_changes_are_checked_like_files_and_plans_differ(found: Plan) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"effort": "much"}, {"blend": "all"}, {"platform": "best"}, {"time_limit": -1.0}]
+    "wrong",
+    [
+        {"effort": "much"},
+        {"blend": "all"},
+        {"platform": "best"},
+        {"time_limit": -1.0},
+        {"time_limit": "x"},
+    ],
 )
 def test_wrong_values_are_refused(found: Plan, wrong: dict[str, str]) -> None:
     """By name, before any work."""

@@ -141,7 +141,7 @@ def test_many_plans_are_the_same_on_any_number_of_processes(found: Plan) -> None
             assert isinstance(one, InfeasibleError) and str(one) == str(two)
     assert [isinstance(one, Plan) for one in alone] == [True, False, True]
     assert plan_many([]) == []
-    for wrong in ({"processes": 0}, {"effort": "much"}):
+    for wrong in ({"processes": 0}, {"processes": "2"}, {"effort": "much"}):
         with pytest.raises(UsageError):
             plan_many(jobs, **wrong)
 

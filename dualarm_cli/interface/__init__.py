@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
@@ -258,8 +259,10 @@ def plan_settings(
     ):
         if value not in allowed:
             raise UsageError(f"{name} {value!r}: choose one of {', '.join(allowed)}")
-    if time_limit is not None and not 0.0 < time_limit < math.inf:
-        raise UsageError(f"time_limit {time_limit:g}: must be above 0 s")
+    if time_limit is not None and not (
+        isinstance(time_limit, Real) and 0.0 < time_limit < math.inf
+    ):
+        raise UsageError(f"time_limit {time_limit!r}: must be above 0 s, and finite")
     check_seed(seed)
     settings = PlanSettings(
         timing=timing, blend=blend, effort=effort, seed=seed, time_limit=time_limit

@@ -12,10 +12,10 @@ from functools import partial
 from typing import TypedDict, Unpack
 
 from dualarm_cli.background import usable_cores
-from dualarm_cli.errors import DualArmError, InfeasibleError, UsageError, check_type
+from dualarm_cli.errors import DualArmError, InfeasibleError, check_type
 from dualarm_cli.interface import Plan, Progress, plan_settings, planned
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.settings import PlanSettings, check_count
 from dualarm_cli.system import IS_LINUX, end_with_parent
 
 
@@ -57,8 +57,7 @@ def plan_many(
         UsageError: a value that is not allowed.
         DualArmError: a process ended early, as by lack of memory.
     """
-    if processes is not None and processes < 1:
-        raise UsageError(f"processes {processes}: must be at least 1")
+    check_count("processes", processes)
     check_type("jobs", jobs, Iterable)
     settings, queued = plan_settings(**options), list(jobs)
     for job in queued:

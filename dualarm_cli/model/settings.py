@@ -23,6 +23,16 @@ def check_seed(seed: int) -> None:
         raise UsageError(f"seed {seed!r}: must be an integer from 0 to {MAX_SEED}")
 
 
+def check_count(name: str, value: int | None) -> None:
+    """Refuse an unusable maximum number; None is no maximum.
+
+    Raises:
+        UsageError: no integer, or one below 1.
+    """
+    if value is not None and not (isinstance(value, Integral) and value >= 1):
+        raise UsageError(f"{name} {value!r}: must be an integer from 1")
+
+
 @dataclass(frozen=True)
 class PlanSettings:
     """Solver names and search settings of one plan."""

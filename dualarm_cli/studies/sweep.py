@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from dualarm_cli.background import usable_cores
-from dualarm_cli.errors import UsageError, check_type
+from dualarm_cli.errors import check_type
 from dualarm_cli.evaluation import crew
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.files.studies.studies import load_study
-from dualarm_cli.model.settings import check_seed
+from dualarm_cli.model.settings import check_count, check_seed
 from dualarm_cli.model.study import Point, Study
 from dualarm_cli.studies import search
 from dualarm_cli.studies.document import study_document
@@ -47,9 +47,8 @@ def sweep(
     """
     check_type("study", study, str, PathLike)
     check_seed(seed)
-    for name, value in (("budget", budget), ("processes", processes)):
-        if value is not None and value < 1:
-            raise UsageError(f"{name} {value}: must be at least 1")
+    check_count("budget", budget)
+    check_count("processes", processes)
     loaded = load_study(Path(study))
     check_settings(loaded)
     points, method = points_of(loaded, budget, seed)

@@ -109,8 +109,8 @@ def test_a_study_is_planned_ranked_and_written(folder, here, capsys) -> None:
     said: list[str] = []
     assert sweep("study.yaml", progress=said.append) == document
     assert said[-1] == f"6 of 6 points, best cycle time {rows[0]['cycle_time']:.3f} s"
-    for wrong in ({"budget": 0}, {"processes": 0}):
-        with pytest.raises(UsageError, match="must be at least 1"):
+    for wrong in ({"budget": 0}, {"processes": 0}, {"budget": "10"}, {"processes": 1.5}):
+        with pytest.raises(UsageError, match="must be an integer from 1"):
             sweep("study.yaml", **wrong)
 
 
