@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.calibration.points import Base, load_points, read_base
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.robots.robots import load_robot
@@ -42,16 +41,3 @@ def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base | Study:
     if kind == "study/1":
         return load_study(path)
     return load_cell(path).cell if kind == "cell/1" else load_job(path, name)
-
-
-def check_file(path: str | Path) -> list[Diagnostic]:
-    """List everything wrong with a file and the files that it names.
-
-    Args:
-        path: the file.
-    """
-    try:
-        load_file(path)
-    except InputError as error:
-        return error.diagnostics
-    return []

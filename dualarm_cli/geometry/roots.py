@@ -194,14 +194,12 @@ ITERATIONS = 100
 
 @dataclass(frozen=True)
 class RealZeros:
-    """Real zeros of n trigonometric polynomials of order k, at most 2k each."""
+    """Real zeros of n trigonometric polynomials of order k, at most 2k each; none where they vanish."""
 
     angle: FloatArray
     """Zeros in (-pi, pi], ascending, padded with 0 [rad], shape (n, 2k)."""
     exists: BoolArray
     """Mask of the entries that are zeros, shape (n, 2k)."""
-    everywhere: BoolArray
-    """Mask of polynomials that vanish identically and list no zeros, shape (n,)."""
 
 
 def real_zeros(coefficients: FloatArray) -> RealZeros:
@@ -242,7 +240,7 @@ def real_zeros(coefficients: FloatArray) -> RealZeros:
     order = np.argsort(angle, axis=1, kind="stable")
     exists = np.take_along_axis(exists, order, axis=1)
     angle = np.take_along_axis(angle, order, axis=1)
-    return RealZeros(np.where(exists, angle, 0.0).reshape(n, width - 1), exists, everywhere)
+    return RealZeros(np.where(exists, angle, 0.0).reshape(n, width - 1), exists)
 
 
 def polynomial_value(coefficients: FloatArray, angle: FloatArray) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.geometry.elementary import log
 from dualarm_cli.geometry.linear_systems import determinant, inverse
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.whole_body import WholeBody, cobracket, screw_rates
@@ -14,10 +13,8 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ManipulabilityRates:
-    """Logarithm of the manipulability at one configuration, with derivatives."""
+    """Gradient of the logarithm of manipulability at one configuration, and its rate."""
 
-    logarithm: float
-    """Value of log M."""
     gradient: FloatArray
     """d log M / dq [1/rad], shape (n,)."""
     inner: FloatArray
@@ -40,7 +37,7 @@ def manipulability(J: FloatArray) -> FloatArray:
 def manipulability_rates(
     body: WholeBody, S: FloatArray, qd: FloatArray, follows: BoolArray | None = None
 ) -> ManipulabilityRates:
-    """Compute log M of the stacked Jacobians of tools, with gradient and rate.
+    """Compute the gradient of log M of stacked tool Jacobians, and its rate.
 
     M does not depend on the points of the tools that the Jacobians are for. Here that is the world's origin, so that
     the columns are the screws themselves, and their derivatives are Lie brackets, dS_j/dq_i = [S_i, S_j] for a joint i
@@ -75,9 +72,7 @@ def manipulability_rates(
     gradient = np.einsum("ij,ij->i", S, sum_P)
     rate = np.einsum("ij,ij->i", Sd, sum_P) + np.einsum("ij,ij->i", S, sum_Pd)
     inner = gradient - product(plus, product(J, gradient))
-    size = float(determinant(gram))
-    value = 0.5 * float(log(size)) if size > 0.0 else -np.inf
-    return ManipulabilityRates(value, gradient, inner, rate)
+    return ManipulabilityRates(gradient, inner, rate)
 
 
 def _stacked(S: FloatArray, moves: BoolArray) -> FloatArray:

@@ -37,22 +37,21 @@ class MethodRow:
         return None if first is None or second is None else abs(second) - abs(first)
 
 
-def candidate_rows(method: str, solution: PlatformSolution, move: int = 0) -> list[MethodRow]:
-    """List the candidates of a move: roots by their angle, then the others.
+def candidate_rows(method: str, solution: PlatformSolution) -> list[MethodRow]:
+    """List the candidates of the first move: roots by their angle, then the others.
 
     For `linearised` that is the order of [Bottin2021] Table 2.
 
     Args:
         method: name of the solver.
         solution: its solution.
-        move: number of the move.
     """
-    problem = solution.problem.rows(np.array([move]))
-    columns = np.flatnonzero(solution.valid[move])
-    kinds, angles = solution.kind[move], solution.angle[move]
+    problem = solution.problem.rows(np.array([0]))
+    columns = np.flatnonzero(solution.valid[0])
+    kinds, angles = solution.kind[0], solution.angle[0]
     is_root = np.isin(kinds, (Kind.ROOT_SAME, Kind.ROOT_OPPOSITE))
     order = sorted(columns, key=lambda k: (0, angles[k]) if is_root[k] else (1, 0.0))
-    best = int(solution.best[move])
+    best = int(solution.best[0])
     return [
         MethodRow(
             method,

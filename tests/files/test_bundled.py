@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.files.cells.cells import load_cell
-from dualarm_cli.files.checking import check_file
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.files.source.bundled import bundled_robots, robots_folder
+from tests.checked_files import check_file
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,10 +9,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dualarm_cli.errors import InputError
-from dualarm_cli.files.checking import check_file, load_file
+from dualarm_cli.files.checking import load_file
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import Robot
+from tests.checked_files import check_file
 
 FUZZ = settings(
     max_examples=80,

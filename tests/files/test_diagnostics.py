@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.errors import Diagnostic
-from dualarm_cli.files.checking import check_file
 from dualarm_cli.files.source import diagnostics
 from dualarm_cli.files.source.diagnostics import render
+from tests.checked_files import check_file
 
 
 def test_a_caret_stands_below_the_column() -> None:

@@ -15,9 +15,10 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.exporting.files import base_file
 from dualarm_cli.files.calibration.points import load_points, read_base
 from dualarm_cli.files.cells.cells import load_cell
-from dualarm_cli.files.checking import check_file, load_file
+from dualarm_cli.files.checking import load_file
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.geometry.rotations import exp_rotation
+from tests.checked_files import check_file
 
 Change = Callable[..., None]
 Messages = Callable[..., list[str]]

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from dualarm_cli.files.checking import check_file
 from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
 from dualarm_cli.files.tasks.tasks import load_job
+from tests.checked_files import check_file
 
 Change = Callable[..., None]
 

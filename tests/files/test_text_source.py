@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from dualarm_cli.files.checking import check_file
 from dualarm_cli.files.source.text_source import quote, read_text
 from dualarm_cli.files.source.yaml_source import parse_yaml
+from tests.checked_files import check_file
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,6 @@ def test_gradient_and_rate_are_finite_differences(name: str) -> None:
     for q in postures(cell, 4, 1):
         qd = random.normal(size=len(q))
         found = manipulability_rates(body, body.at(q).S, qd)
-        assert found.logarithm == pytest.approx(np.log(manipulability(body.at(q).J)), abs=1e-9)
         slope = [
             np.log(
                 manipulability(body.at(q + STEP * e).J) / manipulability(body.at(q - STEP * e).J)

@@ -12,11 +12,11 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from dualarm_cli.cli.run import run
-from dualarm_cli.files.checking import check_file
 from dualarm_cli.files.source.bundled import bundled_robots, robots_folder
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
+from tests.checked_files import check_file
 
 ROOT = Path(__file__).parents[2]
 FILES = {

@@ -210,15 +210,13 @@ def error_text(error: DualArmError) -> str:
     return f"{text}\nMore about it: {commands}" if codes else text
 
 
-def render(diagnostics: list[Diagnostic], limit: int = MAX_SHOWN) -> str:
+def render(diagnostics: list[Diagnostic]) -> str:
     """Format diagnostics as errors with source line and a caret below the column.
 
-    Args:
-        diagnostics: what to show.
-        limit: most of them; the rest is counted.
+    The first MAX_SHOWN are shown, the rest is counted.
     """
-    parts = [_render_one(diagnostic) for diagnostic in diagnostics[:limit]]
-    more = len(diagnostics) - limit
+    parts = [_render_one(diagnostic) for diagnostic in diagnostics[:MAX_SHOWN]]
+    more = len(diagnostics) - MAX_SHOWN
     if more > 0:
         parts.append(f"... and {more} more")
     return "\n".join(parts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Annotated
 
@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from dualarm_cli.files.cells.cell_frames import frame_pose
 from dualarm_cli.files.cells.cells import AddedToCell, CellReader, KindCell
-from dualarm_cli.files.cells.schema_cell import CellFile, ShapeSection, ToolSection
+from dualarm_cli.files.cells.schema_cell import CellFile, ToolSection
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.fields import (
     Duration,
@@ -29,7 +29,6 @@ from dualarm_cli.geometry.elementary import arctan2
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import ChangedTool, Held, Tool, ToolChanges
 from dualarm_cli.model.place import Place
-from dualarm_cli.model.shape import Shape
 
 NO_TOOL = "none"
 """Name of no tool in files."""
@@ -37,8 +36,6 @@ PARALLEL = 1e-6
 """Largest angle between z axes of a tool and the arm's own [rad]."""
 LEAST_STAND_DISTANCE = 1e-3
 """Least distance between stands [m]. The arm's position decides which tool is meant."""
-
-ShapeReader = Callable[[ShapeSection, Loc, dict[str, pin.SE3]], Shape | None]
 
 
 class ChangedToolSection(ToolSection):

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.geometry.elementary import TURN
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.records import dataclass
 
 
@@ -31,12 +28,3 @@ class ArmAngleIntervals:
     """
     count: IntArray
     """Number of intervals, shape (..., 8)."""
-
-    def contains(self, psi: FloatArray) -> BoolArray:
-        """Return whether arm angles are in an interval of each branch, shape (..., 8).
-
-        Args:
-            psi: arm angles [rad], broadcast against (...).
-        """
-        turned = np.mod(np.asarray(psi)[..., None, None] - self.start, TURN)
-        return np.asarray((turned <= self.end - self.start).any(axis=-1))
