@@ -204,11 +204,18 @@ def test_no_sentence_of_our_own_is_cut_or_searched():
 
 
 def _written(node: ast.AST) -> bool:
-    """State whether an expression is text, or lists of text, that is written where it stands."""
-    if isinstance(node, ast.List | ast.Tuple):
-        return any(map(_written, node.elts))
+    """State whether an expression has text that is written where it stands: alone, in lists, sums, choices, calls."""
+    match node:
+        case ast.List(elts=parts) | ast.Tuple(elts=parts):
+            return any(map(_written, parts))
+        case ast.IfExp(body=first, orelse=second) | ast.BinOp(left=first, right=second):
+            return _written(first) or _written(second)
+        case ast.Call(func=ast.Attribute(value=text)):
+            return _written(text)
     return isinstance(node, ast.JoinedStr) or (
-        isinstance(node, ast.Constant) and isinstance(node.value, str)
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and re.search(r"[a-z]", node.value) is not None
     )
 
 
@@ -225,11 +232,14 @@ def test_notes_are_data() -> None:
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)
                 if re.search(
-                    r"(notes|reasons|warnings)\.(append|insert)$|^No(Path|Seam|Posture)$", called
+                    r"(notes|reasons|warnings)\.(append|insert|extend)$|^No(Path|Seam|Posture)$",
+                    called,
                 ):
                     added = list(node.args)
             elif isinstance(node, ast.AugAssign) and re.search(SAID, ast.unparse(node.target)):
                 added = [node.value]
+            elif isinstance(node, ast.Assign) and re.search(SAID, ast.unparse(node.targets[0])):
+                added = [node.value] if isinstance(node.value, ast.List | ast.Tuple) else []
             elif isinstance(node, ast.FunctionDef) and re.search(SAID, node.name):
                 added = [n.value for n in ast.walk(node) if isinstance(n, ast.Return) and n.value]
             elif isinstance(node, ast.keyword) and node.arg in ("notes", "unbounded"):
