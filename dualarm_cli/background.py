@@ -1,4 +1,7 @@
-"""Calls in a second process, a fork of this one, if allowed; results are the same without it."""
+"""Calls in a second process, a fork of this one, if allowed.
+
+Results are the same without it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Features of operating systems that not all of them have: no other module imports what only some have.
+"""Features of some operating systems, imported in no other module.
 
 Without them results are the same: planning is one process without forks, a killed command may leave workers behind
 without prctl, limits of memory go unnoticed without `resource`, and files are written without locks without `fcntl`.
@@ -24,7 +24,10 @@ except ImportError:
     resource = None  # type: ignore[assignment]
 
 IS_LINUX = sys.platform == "linux"
-"""Flag of Linux, where forks keep libraries usable, and workers can end with their parent."""
+"""Flag of Linux: safe forks, and workers that end with their parent.
+
+Forks keep libraries usable.
+"""
 _PARENT_DEATH_SIGNAL = 1
 """Option PR_SET_PDEATHSIG of prctl."""
 
@@ -81,7 +84,10 @@ def lock(handle: int) -> None:
 
 
 def memory_file() -> int:
-    """Open a file without a name, in memory if possible: a full disk has no room for it."""
+    """Open a file without a name, in memory if possible.
+
+    A full disk has no room for it.
+    """
     if IS_LINUX:
         return os.memfd_create("errors")
     handle, name = tempfile.mkstemp()

@@ -57,7 +57,10 @@ VIA = ViaSettings()
 def quickest_stop(
     context: StageContext, name: str, is_free: Callable[[StageSamples], bool], with_other: bool
 ) -> StagePlan | None:
-    """Find the quickest via point at which an arm stops and is collision-free; return its stage, or None."""
+    """Find the quickest via point at which an arm stops and is collision-free.
+
+    Return its stage, or None.
+    """
     start, goal, posture = _drawn(context, name)
     limits = context.job.cell.robot.limits.select(context.model.arms[name].arm.joints)
     posture = posture[((posture >= limits.lower) & (posture <= limits.upper)).all(axis=1)]

@@ -48,7 +48,10 @@ class StageSamples:
     step: float = STEP
     """Sampling interval [s]."""
     before: StageSamples | None = None
-    """Previous stage, in which a late arm still moves; None: a late arm stands at its start."""
+    """Previous stage, in which a late arm still moves.
+
+    None: a late arm stands at its start.
+    """
 
     def delayed(self, columns: Sequence[int], a: int, rows: int) -> StageSamples:
         """Delay one arm by a number of samples; the other arm stands at the end.

@@ -126,7 +126,10 @@ def _is_far(needs: Sequence[tuple[HeldBody, float]], stop: Stop, solids: Sequenc
 
 
 def _needed(cell: Cell, held_body: HeldBody, task: Task, room: PartRoom) -> float | None:
-    """Return the required distance of a body from a lying part [m]; None if they may touch."""
+    """Return the required distance of a body from a lying part [m].
+
+    None if they may touch.
+    """
     least = required(cell, held_body.body, room.task.part)
     if least is None:
         return None

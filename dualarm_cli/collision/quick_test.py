@@ -42,12 +42,16 @@ class QuickSettings:
     rounded: float = 1e-9
     """Rounding allowance that is subtracted from margins [m]."""
     apart: float = 0.003
-    """Margin at a line's outer end from which a tool keeps its clearance [m]. It is the tool's margin from its
+    """Margin at a line's outer end from which a tool keeps its clearance [m].
+
+    It is the tool's margin from its
     own part. With less, the tool may touch the part while it is off the lines."""
     sure: float = 5e-4
     """Margin of boxes from which it counts as the true one [m]."""
     doubted: float = 0.004
-    """Margin of solids in wider hulls below which it is refined [m]. Boxes refine it first, then coal, and only in
+    """Margin of solids in wider hulls below which it is refined [m].
+
+    Boxes refine it first, then coal, and only in
     postures where all else is collision-free."""
 
 

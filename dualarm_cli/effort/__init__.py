@@ -245,7 +245,9 @@ class ClearanceSettings:
     blending_rival: float = 0.03
     """Largest lag of an unchecked plan that may be the shortest when blended [fraction]."""
     sufficient_gain: float = 0.03
-    """Blending gain above which postures chosen for stops do not compete [fraction]. It is a fraction of the blended
+    """Blending gain above which postures chosen for stops do not compete [fraction].
+
+    It is a fraction of the blended
     plan's duration."""
     repairs: int = 4
     """Repairs of a stage: one arm after the other, then both."""

@@ -194,7 +194,10 @@ ITERATIONS = 100
 
 @dataclass(frozen=True)
 class RealZeros:
-    """Real zeros of n trigonometric polynomials of order k, at most 2k each; none where they vanish."""
+    """Real zeros of n trigonometric polynomials of order k, at most 2k each.
+
+    None where they vanish.
+    """
 
     angle: FloatArray
     """Zeros in (-pi, pi], ascending, padded with 0 [rad], shape (n, 2k)."""
@@ -244,7 +247,10 @@ def real_zeros(coefficients: FloatArray) -> RealZeros:
 
 
 def polynomial_value(coefficients: FloatArray, angle: FloatArray) -> FloatArray:
-    """Evaluate f0 + f1 cos + f2 sin + f3 cos 2 + ... at angles [rad], shape (n, m)."""
+    """Evaluate f0 + f1 cos + f2 sin + f3 cos 2 + ...
+
+    At angles [rad], shape (n, m).
+    """
     return _value_and_slope(coefficients.T[:, :, None], angle)[0]
 
 

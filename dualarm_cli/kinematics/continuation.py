@@ -22,7 +22,9 @@ class ContinuationSettings:
     bend: float = 0.6
     """Largest deviation from the extrapolated sample, as a fraction of the step."""
     bend_slack: float = 0.02
-    """Constant part of the largest deviation from the extrapolated sample [rad]. It adds to `bend`; a larger deviation
+    """Constant part of the largest deviation from the extrapolated sample [rad]. It adds to `bend`.
+
+    A larger deviation
     is a jump."""
     least_pivot: float = 1e-5
     """Determinant below which a posture is singular [m and rad]."""

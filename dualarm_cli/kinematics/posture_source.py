@@ -113,7 +113,10 @@ class PostureSource(LimitedJoints, ABC):
     has_arm_angle: ClassVar[bool] = False
     """Flag of families with closed forms over branches and an arm angle."""
     solves_by_search: ClassVar[bool] = False
-    """Flag of families that search for postures. A search takes some thousand times as long as closed forms."""
+    """Flag of families that search for postures.
+
+    A search takes some thousand times as long as closed forms.
+    """
 
     @property
     @abstractmethod

@@ -43,7 +43,10 @@ class ToolChanges:
     tools: Mapping[str, ChangedTool]
     """Tools by name."""
     start: str = ""
-    """Tool that is on at the start, and at the end of a cycle; empty for none."""
+    """Tool that is on at the start, and at the end of a cycle.
+
+    Empty for none.
+    """
     time: float = 0.0
     """Time at rest at a stand while a tool is taken or left [s]."""
     approach: float = 0.0
@@ -115,7 +118,10 @@ class Cell:
     """Conveyors by name."""
 
     def tool_names(self, arm: str) -> tuple[str, ...]:
-        """List the names of the tools that an arm may have on; the empty name is none."""
+        """List the names of the tools that an arm may have on.
+
+        The empty name is none.
+        """
         changes = self.tool_changes.get(arm)
         return ("", *changes.tools) if changes is not None else ("",)
 

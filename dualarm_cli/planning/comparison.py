@@ -62,7 +62,10 @@ class Outcome:
     schedule: Schedule | None
     """The plan with its verification, where there is one."""
     planning_time: float | None
-    """Wall-clock time of planning [s], the verification and the bound not counted; None where nothing was planned."""
+    """Wall-clock time of planning [s], the verification and the bound not counted.
+
+    None where nothing was planned.
+    """
 
 
 def cases(

@@ -23,7 +23,10 @@ KINDS = np.array(
     + [Kind.START],
     dtype=np.int64,
 )
-"""Kinds of the candidates: Eq. 14 for both signs of Eq. 5, Eq. 15 for both, and the start."""
+"""Kinds of the candidates: Eq. 14 for both signs of Eq. 5, Eq.
+
+15 for both, and the start.
+"""
 
 
 def solve_linearised(problem: PlatformProblem) -> PlatformSolution:

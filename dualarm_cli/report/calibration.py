@@ -81,7 +81,7 @@ def _spread(spread: Spread) -> dict[str, Any]:
 
 
 def _fit(fit: ToolFit) -> dict[str, Any]:
-    """Summarise the fit of one robot; null for values that the data do not determine."""
+    """Summarise the fit of a robot, null for values without data."""
     widths = fit_widths(fit)
     return {
         "values": {

@@ -34,7 +34,10 @@ UNMET = (
     ("platform", "held"),
     ("rate", "reduced"),
 )
-"""Notes, by topic and key, on requests that a plan does not meet: always shown."""
+"""Notes, by topic and key, on unmet requests of a plan.
+
+They are always shown.
+"""
 
 
 def shown_stages(report: dict[str, Any], every: bool = False) -> list[int]:

@@ -1,4 +1,6 @@
-"""Report of a curve in a controller: its points by two methods, their quality, and a figure.
+"""Report of a curve: points by two methods, their quality, a figure.
+
+The curve is in a controller.
 
 Curves in space with their frames, as Fig. 8 of [Qin2024].
 """

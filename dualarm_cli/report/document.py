@@ -188,7 +188,10 @@ class ReportVerification(TypedDict):
 
 
 class Report(TypedDict):
-    """Members of `report.json` [SI units]; rows of kinds of work have the members in the reference."""
+    """Members of `report.json` [SI units].
+
+    Rows of kinds of work have the members in the reference.
+    """
 
     format: str
     robot: str

@@ -95,7 +95,10 @@ def _add_shares(
 
 
 def _joint(schedule: Schedule, part: StageParts) -> str:
-    """Find the slowest joint of the deciding group in a stage; the group if unknown."""
+    """Find the deciding group's slowest joint in a stage.
+
+    It is the group if the joint is unknown.
+    """
     robot, stage = schedule.robot, part.stage
     joints = robot.platform if part.group == PLATFORM else robot.arms[part.group].joints
     if stage.bottleneck in joints:

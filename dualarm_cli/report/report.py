@@ -42,7 +42,7 @@ ASSUMED = {
 
 
 def build_report(schedule: Schedule, job: Job) -> Report:
-    """Build the report as a JSON-ready document; times in s, angles in rad, lengths in m.
+    """Build the report as a JSON-ready document [s, rad, m].
 
     Args:
         schedule: a planned schedule, with its verification where there is one.
@@ -133,7 +133,7 @@ def throughput(schedule: Schedule, job: Job) -> float | None:
 
 
 def plan_title(schedule: Schedule) -> str:
-    """Name a plan by its task file, by the folder of `tasks.yaml`, or by its robot."""
+    """Name a plan by task file, folder of `tasks.yaml`, or robot."""
     return tasks_name(schedule.provenance.inputs) or schedule.robot.name
 
 

@@ -222,7 +222,7 @@ class _Line:
 
 @dataclass(frozen=True)
 class _Chains:
-    """Arrays of the work of every arm in s stages; hand-overs count for the first arm."""
+    """Arrays of every arm's work in s stages, hand-overs for the first arm."""
 
     moved: FloatArray
     """Displacement of every joint in the transfer [rad], shape (s, n)."""
@@ -231,7 +231,7 @@ class _Chains:
     passing: tuple[_Line, ...]
     """Transfers that begin or end in motion."""
     fixed: Mapping[str, FloatArray]
-    """Time independent of limits, such as dwells, by arm [s], shape (s,); minus infinity without work."""
+    """Limit-independent time, such as dwells, by arm [s], (s,), -inf without work."""
     returns: BoolArray
     """Mask of returns and of stages without work: all joints arrive together, shape (s,)."""
     recorded: FloatArray

@@ -43,7 +43,7 @@ class CornerSettings:
 CORNERS = CornerSettings()
 
 PLATFORM = "platform"
-"""Name of the group of the platform joints; an arm's group has the arm's name."""
+"""Name of the platform joints' group; an arm's group has its name."""
 
 
 @dataclass(frozen=True)

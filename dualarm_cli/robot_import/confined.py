@@ -56,7 +56,10 @@ _OPEN, _OPENAT, _WRITING = 2, 257, 0o1103
 """Numbers of calls that open files, and flags refused in them."""
 _LANDLOCK = {"create": 444, "add": 445, "restrict": 446}
 _CAPABILITIES = 0x20080522, 0b110
-"""Version of the kernel's capability sets, and capabilities kept by root: access to other users' files."""
+"""Version of kernel capability sets, and capabilities kept by root.
+
+They give access to other users' files.
+"""
 _READ = 0b1100
 """Landlock's rights to read files and to list folders."""
 
@@ -84,7 +87,10 @@ class Expansion:
     packages: Mapping[str, Path]
     """Folders of the packages that the file includes from, by name."""
     joints: tuple[int, ...] = ()
-    """Number of moving joints with each set of other arguments; 0 if it cannot be expanded."""
+    """Number of moving joints with each set of other arguments.
+
+    0 if it cannot be expanded.
+    """
 
 
 @dataclass(frozen=True)
@@ -170,7 +176,10 @@ def expanded(request: XacroRequest) -> Expansion:
 
 
 class _Arguments(dict[str, str]):
-    """Arguments of a xacro file: given values first, then defaults; records what the file does with them."""
+    """Arguments of a xacro file, given values before defaults.
+
+    It records what the file does with them.
+    """
 
     def __init__(self, given: Mapping[str, str]) -> None:
         """Start with the given values."""

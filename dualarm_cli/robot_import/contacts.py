@@ -46,7 +46,7 @@ class ContactSettings:
     always: float = 0.95
     """Fraction of postures from which two links overlap by construction."""
     mostly: float = 0.55
-    """Fraction of postures from which shapes of near links are assumed to be too wide."""
+    """Fraction of postures from which near links' shapes count as too wide."""
     near: int = 3
     """Maximum number of moving joints between links that count as near."""
     often: float = 0.5
@@ -225,7 +225,7 @@ def touches(robot: Robot, postures: FloatArray, arms: Sequence[str]) -> BoolArra
 
 
 def touching_links(robot: Robot, posture: FloatArray) -> list[tuple[str, str]]:
-    """List the links that are nearer than the margin in a posture although they are checked.
+    """List the checked links nearer than the margin in a posture.
 
     Args:
         robot: with its allowed contacts.

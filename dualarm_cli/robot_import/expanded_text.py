@@ -41,7 +41,10 @@ _note = NoteTable(
 
 @dataclass(frozen=True)
 class ExpandedText(TextSource):
-    """Text expanded by xacro; its diagnostics quote the element, because its lines differ from the file's."""
+    """Text expanded by xacro, with diagnostics that quote the element.
+
+    The lines of the text differ from the file's.
+    """
 
     path: Path = Path()
     """Xacro file."""
@@ -105,7 +108,7 @@ def check_arguments(given: Mapping[str, str], *sources: TextSource) -> None:
 
 
 def read_expanded(path: Path, given: XacroInput = XacroInput()) -> TextSource:  # noqa: B008  frozen
-    """Read the text of a URDF or SRDF, expanded if it is a xacro file.
+    """Read the text of a URDF or SRDF, expanded if xacro.
 
     Args:
         path: the file.
@@ -144,7 +147,10 @@ def program_notes(source: TextSource) -> tuple[Note, ...]:
 
 
 def variant_notes(source: TextSource) -> tuple[Note, ...]:
-    """Note arguments of a xacro file, true or false by default, that add moving joints."""
+    """Note boolean arguments of a xacro file that add moving joints.
+
+    They are those that are true or false by default.
+    """
     if not isinstance(source, ExpandedText):
         return ()
     opposite = {"true": "false", "false": "true"}
@@ -204,7 +210,7 @@ def _shown(arguments: Mapping[str, str]) -> list[str]:
 
 
 def _root(path: Path) -> Path:
-    """Find the folder that a xacro file may always read: its package, project or folder."""
+    """Find a xacro file's readable folder: its package, project or folder."""
     file = Path(os.path.realpath(path))
     marks = (MANIFEST, *MARKERS)
     return next((f for f in file.parents if any((f / m).exists() for m in marks)), file.parent)

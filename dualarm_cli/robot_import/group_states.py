@@ -1,4 +1,4 @@
-"""Postures of a robot file: valid group states of the SRDF, and a home posture."""
+"""Postures of a robot file: valid SRDF group states, and home."""
 
 from __future__ import annotations
 
@@ -109,7 +109,10 @@ def _rounded(robot: Robot, posture: FloatArray) -> FloatArray:
 
 
 def _problem(robot: Robot, name: str, state: Mapping[str, float], posture: FloatArray) -> str:
-    """Explain why a state is no valid posture of a robot file; empty if it is."""
+    """Explain why a state is no valid posture of a robot file.
+
+    Empty if it is.
+    """
     if name == "free":
         return "`free` cannot name a posture"
     if not any(state.keys() >= set(arm.joints) for arm in robot.arms):

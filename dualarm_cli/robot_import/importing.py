@@ -1,4 +1,6 @@
-"""Import of a URDF into a folder with a robot file that `plan` can use.
+"""Import of a URDF into a folder with a usable robot file.
+
+`plan` can use it.
 
 The written URDF has the robot's tree and hulls of its meshes, and nothing that only other tools read. The written robot
 file has the results of the import, with their reasons in comments.
@@ -166,7 +168,7 @@ def import_robot(request: ImportRequest) -> Imported:
 
 
 def _near_zero(urdf: Urdf, structure: Structure) -> dict[str, float]:
-    """Collect the nearest positions to 0 of joints that cannot be there [rad or m]."""
+    """Collect joints' nearest positions to an unreachable 0 [rad or m]."""
     positions = {joint: nearest_to_zero(urdf.joints[joint]) for joint in structure.joints}
     return {joint: position for joint, position in positions.items() if position != 0.0}
 
@@ -195,7 +197,7 @@ def _loaded(urdf: Urdf, files: Mapping[str, bytes], robot_file: str) -> LoadedRo
 
 
 def _in_urdf(urdf: Urdf, diagnostic: Diagnostic) -> Diagnostic:
-    """Move a diagnostic on a written file to the joint or link of the URDF."""
+    """Move a written file's diagnostic to the joint or link in the URDF."""
     for elements in (urdf.joints, urdf.links):
         for name, element in elements.items():
             if quote(name) in diagnostic.message:
@@ -205,7 +207,7 @@ def _in_urdf(urdf: Urdf, diagnostic: Diagnostic) -> Diagnostic:
 
 
 NOISE, COARSE, UNITS = 1e-9, 1e-4, 5
-"""Tolerance of exact, maximum tolerance of rounded quarter-turn multiples [rad], and tolerance in last decimals.
+"""Quarter-turn tolerances: exact and maximum rounded [rad], and in last decimals.
 
 A written angle within NOISE of a multiple of a quarter turn is that multiple; so is one within UNITS of its last
 decimal, at most COARSE: 1.5708, 3.14159, and 1.570795, which is half of 3.14159.
@@ -301,7 +303,7 @@ def described(
 def _drawn(
     visuals: Sequence[VisualMesh],
 ) -> tuple[dict[str, bytes], dict[str, list[Element]]]:
-    """Compose the files of simplified visual meshes, and the elements that show them by link."""
+    """Compose simplified visual mesh files, and their elements by link."""
     with tempfile.TemporaryDirectory() as folder:
         copies = stl_copies((mesh.file for mesh in visuals), Path(folder))
         visuals = [replace(mesh, file=copies.get(mesh.file, mesh.file)) for mesh in visuals]

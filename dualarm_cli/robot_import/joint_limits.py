@@ -19,7 +19,7 @@ from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 
 ASSUMED_SPEED, ASSUMED_SLIDING = math.radians(90.0), 0.1
-"""Assumed top speed of a joint without a stated one [rad/s]; of a sliding joint [m/s]."""
+"""Assumed top speed of joints without one [rad/s]; of slides [m/s]."""
 ASSUMED = "90 deg/s (of joints that slide 100 mm/s)"
 """Assumed speeds as text."""
 
@@ -132,7 +132,10 @@ def _wider(file: str, urdf: Urdf, limits_by_joint: Mapping[str, StatedLimits]) -
 
 
 def _speed(joint: Element) -> float | None:
-    """Read a joint's velocity limit [rad/s or m/s]; 0 without one, None for an invalid number."""
+    """Read a joint's velocity limit [rad/s or m/s].
+
+    0 without one, None for an invalid number.
+    """
     limit = joint.find("limit")
     try:
         return float(limit.get("velocity", "0")) if limit is not None else 0.0

@@ -29,9 +29,12 @@ class Srdf:
     """Arms, postures and contacts of an SRDF."""
 
     tips: Mapping[str, tuple[NamedTip, ...]] = field(default_factory=dict)
-    """Tip links of the groups that may be the arm of a side, by side."""
+    """Tip links of groups that may be the arm, by side."""
     states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Named postures: joint positions [rad or m]; equal names of several groups form one posture."""
+    """Named postures: joint positions [rad or m].
+
+    Equal names of several groups form one posture.
+    """
     conflicts: Mapping[str, str] = field(default_factory=dict)
     """Contradictions within named postures, by posture."""
     contacts: Mapping[frozenset[str], str] = field(default_factory=dict)

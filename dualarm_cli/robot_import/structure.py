@@ -104,7 +104,7 @@ class FrozenSlide:
     upper: float
     """Highest position [m]."""
     arm: str = ""
-    """Side of the arm that it carries as its first joint; empty if it carries both."""
+    """Side of the arm that this joint begins, empty if it carries both."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ def _slides(urdf: Urdf) -> list[str]:
 def _frozen_slides(
     urdf: Urdf, arms: Mapping[str, ArmChain], carriers: Sequence[str], platform: Sequence[str]
 ) -> tuple[FrozenSlide, ...]:
-    """Find the sliding joints that carry both arms, or directly carry one, and are kept fixed."""
+    """Find sliding joints kept fixed, which carry both arms or one directly."""
     usable = set(_slides(urdf)).difference(platform)
     sides = dict.fromkeys((name for name in carriers if name in usable), "")
     for side, arm in arms.items():
@@ -336,7 +336,7 @@ def _arms_by_side(
 
 
 def _rows(urdf: Urdf) -> tuple[list[ArmChain], list[Note]]:
-    """Find the chains that may be arms, in document order, and reasons against the others."""
+    """Find possible arm chains in document order, and reasons against the others."""
     movable = moving(urdf)
     before: dict[str, str] = {}  # moving joint to the moving joint that carries it
     for name in movable:
@@ -491,5 +491,5 @@ def word_among(name: str, parts: Iterable[str]) -> str:
 
 
 def count_of(number: int, singular: str, plural: str = "") -> str:
-    """Format a count with its singular or plural, such as `1 pair` or `3 pairs`."""
+    """Format a count in singular or plural, as `1 pair` or `3 pairs`."""
     return f"{number} {singular if number == 1 else plural or f'{singular}s'}"

@@ -47,7 +47,10 @@ _MEMBERS: Mapping[str, str] = {
     r"budget\[\]\.(line|column)",
     "flag": r"closes|open|platform_slides|.*\.(passed|kept|platform_slides|limit_slides)",
 }
-"""Patterns of the members of each type; others are numbers where they have a unit, else text."""
+"""Patterns of the members of each type.
+
+Others are numbers where they have a unit, else text.
+"""
 _MAY_BE_NONE = (
     r"lower_bound|gap|grid_gap|order_grid_gap|clearance_cost|blend_gain|blending|parts_per_hour|elbow_imbalance|tool_speed_cap|"
     r"smallest_clearance|verification|robot\.tool_speed|robot\.limits\.<joint>\.(lower|upper|jerk)|"
@@ -131,7 +134,7 @@ INPUT_FILES: Mapping[str, Callable[[], type[BaseModel]]] = {
     "points": lambda: PointsFile,
     "base": lambda: BaseFile,
 }
-"""Model of each kind of input file, with the keys of all kinds of work."""
+"""Model of each kind of input file, with keys of all work kinds."""
 
 
 def input_schema(kind: str) -> dict[str, Any]:

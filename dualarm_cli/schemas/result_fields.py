@@ -1,6 +1,8 @@
 # ruff: noqa: E501 (a table, one row a line)
 # fmt: off
-"""Members of `schedule.json` and `report.json`: unit and meaning. A test compares both tables with files of real plans.
+"""Members of `schedule.json` and `report.json`: unit and meaning.
+
+A test compares both tables with files of real plans.
 
 `<name>` stands for a name that is a key, `[]` for each entry of a list.
 """

@@ -160,7 +160,10 @@ def baseline_bytes(
 
 
 def _lines(value: Any, depth: int) -> Iterable[str]:
-    """Yield a value as JSON; mappings of plain values below the cases are on one line."""
+    """Yield a value as JSON.
+
+    Mappings of plain values below the cases are on one line.
+    """
     nested = isinstance(value, Mapping) and any(isinstance(v, Mapping) for v in value.values())
     if not isinstance(value, Mapping) or not value or (depth > 2 and not nested):
         yield json.dumps(value, sort_keys=True, allow_nan=False, ensure_ascii=False)
@@ -176,7 +179,10 @@ def _lines(value: Any, depth: int) -> Iterable[str]:
 _TASKS = re.compile(
     rb"""^(?:\xef\xbb\xbf)?[\s{]*(['"]?)dualarm\1\s*:\s*['"]?tasks/""", re.MULTILINE
 )
-"""Key that identifies a task file; with quotes and braces it is the same YAML."""
+"""Key that identifies a task file.
+
+With quotes and braces it is the same YAML.
+"""
 
 
 def find_cases(patterns: Sequence[str]) -> list[str]:

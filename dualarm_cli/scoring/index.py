@@ -1,4 +1,4 @@
-"""Score as an HTML index with a row per case that links to its plan's page."""
+"""Score as an HTML index, each case's row linked to its plan's page."""
 
 from __future__ import annotations
 

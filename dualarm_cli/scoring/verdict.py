@@ -73,7 +73,10 @@ class Verdict:
 
     @property
     def change(self) -> float | None:
-        """Relative increase of the cycle time; None if either time is unknown or the recorded one is 0."""
+        """Relative increase of the cycle time, or None.
+
+        None if either time is unknown or the recorded one is 0.
+        """
         if self.before is None or self.evaluation is None or self.evaluation.cycle_time is None:
             return None
         then = self.before.cycle_time

@@ -44,9 +44,12 @@ class MethodProblem:
     start: Decisions | None = None
     """Initial plan of the search, from the choice of the order."""
     without_margin: MethodProblem | None = None
-    """The same problem without a margin to the joint limits; None if this problem has no margin.
+    """Same problem without a margin to joint limits, or None.
 
-    A method may plan with both. If its grid has no plan it refuses, and this problem is solved next."""
+    None if this problem has no margin.
+
+    A method may plan with both. If its grid has no plan it refuses, and this problem is solved next.
+    """
     blending: Blending = STOPPING
     """Rule for passing targets and line ends in motion."""
     repair_touching_stops: bool = True
@@ -84,9 +87,12 @@ class Decided:
     stages: list[StagePlan]
     """Stages in order; the return, if any, is the last one."""
     grid_gap: float | None = None
-    """Relative gap between the best plan on the grid and the grid's lower bound, before refinement.
+    """Relative gap of the grid's best plan to its lower bound.
 
-    None for methods without a grid. Plans off the grid may be faster."""
+    It is computed before refinement.
+
+    None for methods without a grid. Plans off the grid may be faster.
+    """
     alternatives: tuple[list[StagePlan], ...] = ()
     """Further plans that exact timing may show to be faster."""
     is_infeasible: bool = False

@@ -27,7 +27,10 @@ def _needs_turntable(problem: MethodProblem) -> str | None:
 def _served(
     name: str, method_reason: Callable[[MethodProblem], str | None] = lambda _: None
 ) -> Callable[[MethodProblem], str | None]:
-    """Explain why a robot does not support a method with its redundancy solver; None if supported."""
+    """Explain why a robot does not support a method with its redundancy solver.
+
+    None if supported.
+    """
 
     def why(problem: MethodProblem) -> str | None:
         robot = problem.job.cell.robot

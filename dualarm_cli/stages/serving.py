@@ -87,12 +87,17 @@ def why_no_closed_form(robot: Robot) -> str | None:
 
 
 def why_redundancy_unserved(redundancy: str, robot: Robot) -> str | None:
-    """Explain why no method supports a redundancy solver on a robot; None if one does."""
+    """Explain why no method supports a redundancy solver on a robot.
+
+    None if a method does.
+    """
     return why_no_closed_form(robot) if redundancy == CLOSED_FORMS else None
 
 
 def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
-    """Explain why a robot does not support method and redundancy solver; None if it does.
+    """Explain why a robot does not support method and redundancy solver.
+
+    None if it does.
 
     Args:
         method: its name.
@@ -115,7 +120,10 @@ def _which(robot: Robot) -> str:
 
 
 ROOM = 0.1
-"""Margin to a joint's position limits, as a fraction of its braking distance from full speed."""
+"""Margin to position limits, as a fraction of full-speed braking distance.
+
+It is that of a joint.
+"""
 MOST_ROOM = 0.05
 """Largest margin, as a fraction of the joint's range."""
 

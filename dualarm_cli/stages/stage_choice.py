@@ -95,7 +95,7 @@ def stage_problem(
 
 
 def _wrist_before_approach(stop: StopProblem) -> FloatArray:
-    """Compute the wrist centre at the start of the approach in the carried frame [m], (3,)."""
+    """Compute the wrist centre before the approach, carried frame [m], shape (3,)."""
     R_tool = stop.R_base_tool[0]
     p_tool = stop.p_base_tool[0] - R_tool[:, 2] * stop.approach
     wrist: FloatArray = closed_form(stop.arm).wrist_center(

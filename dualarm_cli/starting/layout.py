@@ -42,7 +42,7 @@ class LayoutSettings:
     layouts_tried: int = 400
     """Maximum number of candidate layouts, combinations of the arms' pairs."""
     clearance: float = 0.005
-    """Clearance of all bodies, or a tenth of a step if that is less [m].
+    """Clearance of all bodies [m], at most a tenth of a step.
 
     It is less than the distance between neighbouring links of imported robots.
     """
@@ -67,7 +67,7 @@ class LayoutSettings:
     room: float = 0.03
     """Room between a table and the robot at home [m]."""
     front: float = 0.5
-    """Weight of a node in front of the robot, relative to one at its side."""
+    """Weight of a node in front of the robot, relative to sides."""
     picks: int = 6
     """Number of picks of all arms together."""
 
@@ -100,7 +100,7 @@ class Layout:
     height: float
     """Height of all targets [m]."""
     step: float
-    """Distance between the targets of a row; also the length of approach and retract [m]."""
+    """Distance between a row's targets, and approach and retract length [m]."""
     table: Table
     """Table under all targets."""
     clearance: float
@@ -170,7 +170,10 @@ def _tables(
 def _on_table(
     cell: Cell, tools: Mapping[str, ProposedTool], here: Region, table: Table
 ) -> Layout | None:
-    """Place trays and boxes on a table, cut to the size they need; None without room."""
+    """Place trays and boxes on a table, cut to needed size.
+
+    None without room.
+    """
     step, height = here.step, round(table.top + 0.5 * here.step, 4)
     grid = here.grid(here.home[None], np.array([height]), step)
     x, y = (
@@ -205,7 +208,10 @@ def _under(x: FloatArray, y: FloatArray, step: float, levels: tuple[float, float
 
 
 def _front(cell: Cell, here: Region, grid: TableGrid) -> FloatArray:
-    """Compute weights of nodes, shape (ny, nx): larger in front, on the side of the tools at home."""
+    """Compute weights of nodes, shape (ny, nx), larger in front.
+
+    The front is the side of the tools at home.
+    """
     model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
     tips = np.mean([model.tool_position(arm, home)[:2] for arm in model.arms], axis=0)
     ahead = tips - np.array(here.centre)
@@ -276,7 +282,10 @@ def _arm_reach(reach: ReachMap, arm: str) -> _Reach:
 
 
 def _pairs(reach: ReachMap, area: _Reach, count: int, depth: int) -> list[tuple[Nodes, Nodes]]:
-    """List an arm's tray and box pairs, best first, at least `depth` nodes inside its reach."""
+    """List an arm's tray and box pairs, best first.
+
+    They are at least `depth` nodes inside its reach.
+    """
     deep: BoolArray = area.depth >= depth
     rows: list[Nodes] = []
     ny, nx = deep.shape
@@ -348,7 +357,7 @@ def _clear_of_each_other(
     reaches: Mapping[str, _Reach],
     work: Mapping[str, tuple[Nodes, Nodes]],
 ) -> bool:
-    """Test whether the arms do not collide in any stage, at the targets and retracted."""
+    """Test whether the arms are clear of each other, at targets and retracted."""
     test, rows = clearance.test, []
     for k in (0, 1):
         stages = list(zip(*(work[arm][k] for arm in reaches), strict=True))

@@ -18,7 +18,7 @@ from dualarm_cli.starting.layout import LAYOUT, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource
 
 LAST = "tasks.yaml"
-"""File that is moved into place last; its presence means that all files are there."""
+"""File moved into place last, which marks a complete project."""
 WORKFLOW = """\
 # Cycle times that must not get worse. Before the first run, complete requirements.txt, write scores.json and commit it:
 #   dualarm score tasks.yaml --baseline scores.json --update-baseline

@@ -37,7 +37,7 @@ class RobotSource:
 
     @property
     def entry(self) -> str:
-        """Entry `robot` of a cell file; the two robots of a pair have a line each."""
+        """Entry `robot` of a cell file, a line per robot of a pair."""
         return f"robot: {self.reference}".replace(": \n", ":\n", 1)
 
 

@@ -102,7 +102,7 @@ def _same(present: Level | None, value: float | str | bool) -> bool:
 
 
 def input_problems(study: Study, point: Point) -> list[Diagnostic]:
-    """List the input errors of a point; those of parameter values point to the study file.
+    """List a point's input errors, those of parameter values in the study file.
 
     Args:
         study: the study.

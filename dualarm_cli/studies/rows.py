@@ -65,7 +65,10 @@ class StudyRow:
 
     @property
     def figures(self) -> dict[str, float | None]:
-        """Total figure of all task files by objective; None if unknown or without a plan."""
+        """Total figure of all task files by objective.
+
+        None if unknown or without a plan.
+        """
         totals: dict[str, float | None] = {}
         for name in OBJECTIVES:
             values = [getattr(evaluation, name) for evaluation in self.evaluations]

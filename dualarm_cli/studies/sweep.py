@@ -1,4 +1,7 @@
-"""A study from its file to its document: points planned, ranked and explained; `dualarm sweep` calls the same."""
+"""Study from file to document: points planned, ranked and explained.
+
+`dualarm sweep` calls the same.
+"""
 
 from __future__ import annotations
 

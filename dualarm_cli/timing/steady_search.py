@@ -147,11 +147,17 @@ class ProfileSettings:
     batch: int = 16
     """Number of ramp times per batch."""
     finer: int = 18
-    """Number of finer ramp times below the first feasible one. They span the last two steps of `RAMPS` before it."""
+    """Number of finer ramp times below the first feasible one.
+
+    They span the last two steps of `RAMPS` before it.
+    """
     per_phase: int = 9
     """Number of instants per phase of a ramp in the first check."""
     close: int = 49
-    """Number of instants per phase of a ramp in the final check. Only ramps that pass the first check have one."""
+    """Number of instants per phase of a ramp in the final check.
+
+    Only ramps that pass the first check have one.
+    """
     at_once: int = 4
     """Number of ramps per batch of the final check."""
     speeds: int = 40
@@ -159,7 +165,9 @@ class ProfileSettings:
     near_best: int = 16
     """Number of speeds that are tried about the best of the first grid."""
     least_speed: float = 1e-3
-    """Least speed of the first grid, as a share of the largest possible one. Short seams are over before they are
+    """Least speed of the first grid, as a share of the largest possible one.
+
+    Short seams are over before they are
     fast."""
     as_fast: float = 1.0 + 1e-12
     """Rounding tolerance of comparisons of speeds and accelerations [factor]."""

@@ -28,7 +28,10 @@ class Criterion:
     measure: str
     """Measured value in a phrase."""
     unchecked: str = ""
-    """Reason why the check is not made, the usual one if there are several; empty if it is always made."""
+    """Reason why the check is not made, the usual one if there are several.
+
+    Empty if it is always made.
+    """
 
 
 CRITERIA: Mapping[str, Mapping[str, Criterion]] = {
@@ -158,7 +161,10 @@ CRITERIA: Mapping[str, Mapping[str, Criterion]] = {
         ),
     },
 }
-"""Criteria of the verifier by heading and name of the check; kinds of work bring their own."""
+"""Criteria of the verifier by heading and name of the check.
+
+Kinds of work bring their own.
+"""
 
 
 def criterion(name: str) -> Criterion:

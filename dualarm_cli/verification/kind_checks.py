@@ -22,7 +22,10 @@ Tools at targets and on lines, tools at work between them, joints, assignment an
 
 @dataclass(frozen=True)
 class Evidence:
-    """Input of checks: schedule with finite numbers and rising times, job, tool model, line spans."""
+    """Input of checks: schedule, job, tool model, and line spans.
+
+    The schedule has finite numbers and rising times.
+    """
 
     schedule: Schedule
     """Schedule as in its file."""

@@ -72,7 +72,10 @@ def check_agreement(trajectory: Trajectory, sliding: Collection[str] = ()) -> li
 
 
 def _worst_knot(error: FloatArray) -> tuple[float, int]:
-    """Find the largest error of a joint, shape (k-1, 1), and its knot; a NaN is largest."""
+    """Find the largest error of a joint, shape (k-1, 1), and its knot.
+
+    A NaN is largest.
+    """
     if error.size == 0:
         return 0.0, 0
     knot = int(np.argmax(error))

@@ -263,7 +263,10 @@ class CellReader:
         return robot
 
     def tools(self, model: CellFile, robot: Robot | None) -> dict[str, Tool]:
-        """Read the tool of every arm; an arm without one has its flange as tool centre point."""
+        """Read the tool of every arm.
+
+        An arm without one has its flange as tool centre point.
+        """
         sections = {"left": model.tools.left, "right": model.tools.right}
         arms = [arm.name for arm in robot.arms] if robot is not None else list(sections)
         tools = {}

@@ -169,7 +169,10 @@ def leader_of(urdf: Urdf, name: str) -> str:
 def _followed(
     name: str, joints: Mapping[str, Element], positions: Mapping[str, float], moving: Sequence[str]
 ) -> float:
-    """Compute the position of a frozen joint, through its mimics; its own in a cycle of mimics."""
+    """Compute the position of a frozen joint, through its mimics.
+
+    Its own in a cycle of mimics.
+    """
     factor, offset, seen = 1.0, 0.0, [name]
     while True:
         mimic = joints[seen[-1]].find("mimic")

@@ -49,7 +49,10 @@ _PLY_MOST_HEADER = 100_000
 
 
 class MeshError(ValueError):
-    """A mesh file that cannot be used; its text says why and is put after the file's name."""
+    """A mesh file that cannot be used.
+
+    Its text says why and is put after the file's name.
+    """
 
 
 def mesh_number(word: bytes, where: str) -> float:

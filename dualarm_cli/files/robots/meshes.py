@@ -61,7 +61,9 @@ MESH = MeshLimits()
 
 
 def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
-    """Read the convex hull of a mesh file; the unit of a COLLADA file is not applied.
+    """Read the convex hull of a mesh file.
+
+    The unit of a COLLADA file is not applied.
 
     Args:
         path: the file.

@@ -59,7 +59,10 @@ ANGULAR_JERK = Dimension("angular jerk", {"rad/s^3": 1.0, "deg/s^3": _DEG}, 1e9)
 
 
 class QuantityError(ValueError):
-    """A quantity that cannot be read, or that is out of range; its text is the whole message."""
+    """A quantity that cannot be read, or that is out of range.
+
+    Its text is the whole message.
+    """
 
 
 def parse_quantity(

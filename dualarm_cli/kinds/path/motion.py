@@ -104,7 +104,9 @@ class FollowSettings:
     halved: float = 0.5
     """Factor on the speed if the method reports no necessary reduction."""
     bisections: int = 3
-    """Number of bisections between the last infeasible and the first feasible speed. They follow a reduction by
+    """Number of bisections between the last infeasible and the first feasible speed.
+
+    They follow a reduction by
     `halved` or more."""
     slowest: float = 0.05
     """Least fraction of its speed at which a path is tried."""
@@ -124,7 +126,9 @@ class FollowSettings:
     ample: float = 1.02
     """Factor by which speed is reduced more than needed."""
     tightened: int = 3
-    """Maximum number of times that a method's limits are tightened. This is for methods that keep the limits
+    """Maximum number of times that a method's limits are tightened.
+
+    This is for methods that keep the limits
     themselves, where the curve through their instants exceeds them."""
     looked_at: float = 0.02
     """Time between the postures of a path that are tested for collisions [s]."""

@@ -55,7 +55,9 @@ class PathTrials:
     far_too_fast: float = 1.2
     """Factor too fast above which failures at one place end the search."""
     cheap: float = 0.1
-    """Cost of a collision-free transfer up to which no other start is tried [s]. It applies to efforts with
+    """Cost of a collision-free transfer up to which no other start is tried [s].
+
+    It applies to efforts with
     `spares`."""
     most_starts: int = 16
     """Maximum number of starts that are tried for a path."""

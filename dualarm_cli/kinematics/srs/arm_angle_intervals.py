@@ -19,7 +19,9 @@ class ArmAngleIntervals:
     """
 
     start: FloatArray
-    """First arm angle of each interval in [-pi, pi], ascending [rad], shape (..., 8, k); NaN where
+    """First arm angle of each interval in [-pi, pi], ascending [rad], shape (..., 8, k).
+
+    NaN where
     there are fewer."""
     end: FloatArray
     """Last arm angle of each interval [rad], shape (..., 8, k).

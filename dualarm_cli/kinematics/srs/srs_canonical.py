@@ -18,7 +18,9 @@ LEANING = 1e-9
 
 @dataclass(frozen=True)
 class SrsCanonical:
-    """Canonical form of an SRS arm: flange rotation B Z Y Z Y Z Y Z C, theta = sign q + offset.
+    """Canonical form of an SRS arm.
+
+    The flange rotation is B Z Y Z Y Z Y Z C, with theta = sign q + offset.
 
     Z(theta1) Y(theta2) Z(theta3) orients the upper arm, Y(theta4) bends the elbow, and the last
     triple is the wrist; each link lies along the z axis before it, so that theta4 = 0 is the
@@ -32,7 +34,10 @@ class SrsCanonical:
     sign: FloatArray
     """+1 or -1 per joint, shape (7,); joints 2, 4 and 6 always have +1."""
     offset: FloatArray
-    """Angle of the canonical joint at q = 0 [rad], shape (7,); joints 1 and 7 have none."""
+    """Angle of the canonical joint at q = 0 [rad], shape (7,).
+
+    Joints 1 and 7 have none.
+    """
     B: FloatArray
     """Base frame of the canonical chain, its z along axis 1, shape (3, 3)."""
     C: FloatArray

@@ -111,7 +111,9 @@ class LabelSettings:
     most_looked_at: int = 20_000
     """Maximum number of labels traced back to find different orders."""
     same_ends: int = 2
-    """Maximum number of labels traced back per sequence of last stops. The quickest come first; platform angles do not
+    """Maximum number of labels traced back per sequence of last stops. The quickest come first.
+
+    Platform angles do not
     distinguish sequences."""
 
 

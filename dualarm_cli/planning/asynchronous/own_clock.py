@@ -261,7 +261,10 @@ class Since:
 
 @dataclass(frozen=True)
 class ClockSteps:
-    """A timeline of whole steps; each place at which the arm may wait has a step of its own."""
+    """A timeline of whole steps.
+
+    Each place at which the arm may wait has a step of its own.
+    """
 
     step: float
     """Length of a step [s]."""

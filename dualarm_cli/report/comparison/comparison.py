@@ -1,4 +1,4 @@
-"""The document of `dualarm compare solvers`: rows by cycle time, the winner and the reasons."""
+"""Document of `dualarm compare solvers`: rows by cycle time, winner and reasons."""
 
 from __future__ import annotations
 
@@ -119,7 +119,10 @@ def _rank(row: dict[str, Any], best: float) -> tuple[int, float]:
 
 
 def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
-    """Build one case's row; times in s, angles in rad, travel of sliding platforms in m."""
+    """Build a case's row, in s, rad, and m for sliding platforms.
+
+    The metres are the platform's travel.
+    """
     case, schedule = outcome.case, outcome.schedule
     compared = {key: rows for kind in of_kinds("measures") for key, rows in kind.compared.items()}
     row: dict[str, Any] = {

@@ -78,7 +78,9 @@ def reason_lines(section: dict[str, Any]) -> list[str]:
 
 
 def comparison_csv(document: dict[str, Any]) -> bytes:
-    """Write all rows as CSV; s, rad; wall-clock planning time in the last column only.
+    """Write all rows as CSV [s, rad], wall-clock planning time last.
+
+    No other column has wall-clock times.
 
     The travel of a platform that slides is in m.
 

@@ -64,7 +64,7 @@ class Version:
         )
 
     def arm_for(self, work: frozenset[tuple[str, str]], name: str) -> str:
-        """Find the arm that does most of the given work, by default the named one."""
+        """Find the arm doing most of the given work, else the named arm."""
         shared = {
             arm: len({(part.task, part.action) for part in parts} & work)
             for arm, parts in self.parts.arms.items()
@@ -111,7 +111,7 @@ class Blame:
     b_time: float
     """Time of the part in B [s]."""
     a_displacement: float | None
-    """Displacement of the joint in A [rad or m]; None if no joint is the cause."""
+    """Displacement of the joint in A [rad or m]; None without a cause."""
     b_displacement: float | None
     """Displacement of the joint in B [rad or m]."""
     slides: bool = False
@@ -210,7 +210,7 @@ Pair = tuple[int | None, int | None]
 
 
 def compare_schedules(a: Schedule, b: Schedule, names: tuple[str, str]) -> dict[str, Any]:
-    """Compare two schedules as a JSON-ready document; times in s, angles in rad, lengths in m.
+    """Compare two schedules as a JSON-ready document [s, rad, m].
 
     Stages are matched by their tasks and actions, independent of their positions; the others by the most common work.
     A stage without partner is a row of its own, so that all differences add up to the total.
@@ -275,7 +275,10 @@ def _refuse_strangers(
 
 
 def _matched(a: Sequence[Version], b: Sequence[Version]) -> list[Pair]:
-    """Match the stages of A and B, in A's order, then those only in B."""
+    """Match the stages of A and B, in A's order.
+
+    Those only in B come last.
+    """
     free = list(range(len(b)))
     partner: dict[int, int] = {}
     for i, version in enumerate(a):

@@ -48,7 +48,9 @@ COLOURS = {
 
 
 def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
-    """Draw the figure as PNG, SVG or PDF: a panel per task file, a bar per plan.
+    """Draw a panel per task file with a bar per plan.
+
+    The format is PNG, SVG or PDF.
 
     Args:
         document: of `dualarm compare solvers`; wall-clock times are not drawn, which keeps the bytes reproducible.

@@ -122,7 +122,7 @@ class Wanted:
 
 
 def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float) -> list[Wanted]:
-    """List the task ids of a row: one for each stop, preferably in its transfer.
+    """List a row's task ids, each stop once, preferably in its transfer.
 
     Args:
         schedule: with segments.
@@ -150,7 +150,7 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
 
 
 def _shared_begin(ids: Collection[str]) -> str:
-    """Find the common prefix of ids up to a separator and zeros: `left-0` of left-01 and left-02."""
+    """Find the common prefix up to separator and zeros: left-0 of left-01, left-02."""
     if len(ids) < 2:
         return ""
     begin = re.match(r".*[^A-Za-z0-9]", commonprefix(list(ids)))  # noqa: RUF071 (letters, no paths)
@@ -163,7 +163,7 @@ def _shared_begin(ids: Collection[str]) -> str:
 
 
 def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
-    """Place the words in their bars, at the largest common size in which nearly all fit.
+    """Place words in their bars, at the largest size in which most fit.
 
     If even the smallest size is too large for many, they are shortened: to the part that differs from the others, then
     to the letters that fit.
@@ -187,7 +187,7 @@ def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
 
 
 def _place(text: str, word: Wanted, inch: float, size: float) -> Bar | None:
-    """Find the best of a word's bars that holds a text of a size, or None."""
+    """Find a word's best bar for a text and size, or None."""
     room = text_width(text) * size + STYLE.padding
     large = [bar for bar in word.bars if (bar.end - bar.start) * inch * POINTS >= room]
     return min(large, key=lambda bar: (bar.rank, round(bar.start - bar.end, 6)), default=None)
@@ -392,7 +392,7 @@ def _style(part: Segment) -> _Style:
 def _draw_row(
     axes: Any, bars: dict[tuple[int, _Style], list[Any]], start: float, end: float, last: float
 ) -> None:
-    """Draw the bars of a row; time after the end of the motion is grey."""
+    """Draw a row's bars, with time after the end in grey."""
     for (lane, style), spans in bars.items():
         inside = [span for span in spans if span[0] < end and sum(span) > start]
         axes.broken_barh(

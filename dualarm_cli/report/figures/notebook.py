@@ -18,7 +18,9 @@ MOST_TASKS = 30
 
 
 def html_of(shown: Any) -> str:
-    """Write a job's tasks, or the figures and picture of a plan or schedule, as HTML.
+    """Write a job's tasks, or a plan's or schedule's figures, as HTML.
+
+    A plan or schedule also has a picture.
 
     Args:
         shown: a plan has throughput and Gantt chart, a schedule curves of the joints' velocities.

@@ -83,7 +83,10 @@ def draw_move(
 
 
 def _draw_shoulder_before(ax: Any, problem: PlatformProblem, angle: float) -> None:
-    """Draw the first shoulder before the move, in green as in Figure 5 of [Bottin2021]."""
+    """Draw the shoulder before the move, green as in [Bottin2021] Figure 5.
+
+    It is the first shoulder.
+    """
     azimuth, radius = angle + problem.offset[0, 0], problem.radius[0, 0]
     x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
     ax.plot([0.0, x], [0.0, y], color=BALANCE, linewidth=2, label="first shoulder before the move")
@@ -125,7 +128,10 @@ def _draw_arms(
 def _elbow(
     problem: PlatformProblem, arm: int, shoulder: FloatArray, wrist: FloatArray, side: float
 ) -> FloatArray:
-    """Compute the elbow in top view for a level arm plane, left (1) or right (-1)."""
+    """Compute the top-view elbow for a level arm plane, left or right.
+
+    Left is 1, right is -1.
+    """
     flat = wrist[:2] - shoulder
     rise = wrist[2] - problem.height[0, arm]
     reach = float(np.hypot(np.linalg.norm(flat), rise))
@@ -144,7 +150,7 @@ def _draw_targets(ax: Any, problem: PlatformProblem) -> None:
 
 
 def _turns(problem: PlatformProblem) -> tuple[FloatArray, FloatArray]:
-    """Sample turns up to half a turn in both directions [deg], and platform angles [rad]."""
+    """Sample turns within ±180° [deg], and platform angles [rad]."""
     turn = np.linspace(-np.pi, np.pi, 1441)
     return np.degrees(turn), problem.angle_0[0] + turn
 
@@ -295,7 +301,7 @@ def _mesh(panel: Any, document: Mapping[str, Any], values: Any, colours: Any) ->
 
 
 def _draw_cell(panel: Any, document: Mapping[str, Any], cell: Cell) -> None:
-    """Draw the robot's base, boxes in top view, and frames; x to the right, y up."""
+    """Draw base, boxes and frames in top view, x right, y up."""
     from matplotlib.patches import Polygon
 
     for obstacle in cell.obstacles:

@@ -81,7 +81,10 @@ def _draw_pair(
     colour: dict[str, Any] | None,
     drawn: dict[str, Any],
 ) -> Any:
-    """Draw all rows by two objectives; return the source of a colour bar, if any."""
+    """Draw all rows by two objectives.
+
+    Returns the source of a colour bar, if any.
+    """
     x, y = pair
     rows = [
         row for row in document["rows"] if row["rank"] and None not in (row[x.name], row[y.name])
@@ -297,7 +300,7 @@ def _draw_effect(
 
 
 def _means(x: Any, y: Any, levels: int | None) -> tuple[Any, Any]:
-    """Compute the means of y at each value of x, or in up to four bins."""
+    """Compute means of y by x value, or in up to four bins."""
     if not len(x):
         return [], []
     if levels is not None:

@@ -18,7 +18,10 @@ LINE_SAMPLES = 7
 MIDDLE = LINE_SAMPLES - 1
 """Index of the target among the samples of approach and retract."""
 BETWEEN = (2, 4, LINE_SAMPLES + 1, LINE_SAMPLES + 3)
-"""Samples of both lines, approach first, that are kept for clearance; the target is between the middle ones."""
+"""Samples of both lines, approach first, that are kept for clearance.
+
+The target is between the middle ones.
+"""
 
 
 @dataclass(frozen=True)
@@ -34,13 +37,16 @@ class CandidatePostures:
     work: FloatArray
     """Time of approach, dwell and retract [s]; infinite where the candidate cannot be, shape (n,)."""
     approach: FloatArray
-    """Rest-to-rest time of each joint on the approach [s], shape (n, joints); the largest is its time."""
+    """Rest-to-rest joint times on the approach [s], shape (n, joints).
+
+    The largest is the time of the approach.
+    """
     retract: FloatArray
     """Rest-to-rest time of each joint on the retract [s], shape (n, joints)."""
     q_between: FloatArray
     """Joints at two places on each line, approach first [rad], shape (n, 4, joints)."""
     shares: FloatArray
-    """Durations of approach and retract relative to those times: 1 from rest to rest, shape (n, 2)."""
+    """Durations of approach and retract over rest-to-rest times, shape (n, 2)."""
     rates: FloatArray
     """Velocities and accelerations at the outer ends of lines, shape (n, 2, 2, joints).
 

@@ -14,7 +14,10 @@ from dualarm_cli.records import dataclass
 SAMPLES = 8
 """Number of samples between the ends of a move."""
 ALIKE, LIKE = 0.15, 0.5
-"""Largest joint distances at which a no-good applies: to stops alone, and to a move [rad]."""
+"""Largest joint distances at which a no-good applies [rad].
+
+The first applies to stops alone, the second to a move.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,10 @@ class SequenceClearance:
     no_goods: tuple[NoGood, ...] = ()
     """Excluded stages whose postures and straight moves pass the fast test."""
     settled: frozenset[int] = frozenset()
-    """Stages with fixed stops that only the exact test decides: the fast test cleared no candidate."""
+    """Fixed-stop stages that only the exact test decides.
+
+    The fast test cleared no candidate.
+    """
 
     def positions(self, angle: FloatArray, joints: Sequence[FloatArray | None]) -> FloatArray:
         """Assemble all joints of the robot [rad], shape (n, columns).

@@ -1,4 +1,6 @@
-"""Launches at the outer ends of lines, to estimate transfers that begin or end in motion.
+"""Launches at lines' outer ends, for transfers that begin or end moving.
+
+They estimate the times of these transfers.
 
 A launch is a number: 0 at rest, else a profile and cut of `timing/launch`, counted as in `timing/line_ends`. A search
 begins with one default launch everywhere, and polishes postures with the launches that suit them best.

@@ -31,7 +31,10 @@ class StopTarget:
     configurations: FloatArray | None
     """Joint configurations that are the targets instead [rad], shape (m, joints), or None."""
     yaw: FloatArray
-    """Turns about the tool's z axis that are allowed [rad], shape (y,); samples of all where free."""
+    """Turns about the tool's z axis that are allowed [rad], shape (y,).
+
+    Samples of all where free.
+    """
     free_yaw: bool
     """Whether any turn about the tool's z axis will do."""
     approach: float
@@ -216,7 +219,10 @@ class SequenceProblem:
     clearance: SequenceClearance | None = None
     """Collision test; None disables collision checking."""
     launches: tuple[IntArray, ...] | None = None
-    """Launch numbers of approach and retract by arm, shape (n, 2) each; None if all line ends are at rest."""
+    """Launch numbers of approach and retract by arm, shape (n, 2) each.
+
+    None if all line ends are at rest.
+    """
     with_margin: tuple[ArmWork, ...] = ()
     """Arms with narrowed position limits for line ends in motion; empty without."""
     settings: SequenceSettings = SequenceSettings()
@@ -259,7 +265,7 @@ class SequenceProblem:
 
 @dataclass(frozen=True)
 class ArmDecisions:
-    """Decisions of one arm, arrays with a row per stage (n); idle rows are arbitrary.
+    """Decisions of an arm, a row per stage (n), idle rows arbitrary.
 
     The same type carries many candidates of one stage: rows are then candidates. An arm without closed forms has no
     arm angle: each psi is then a distance along its self-motion, which is counted from `near` (`moved_along`,
@@ -273,15 +279,24 @@ class ArmDecisions:
     branch: IntArray
     """Branch of the inverse kinematics, shape (n,)."""
     psi_target: FloatArray
-    """Arm angle at the target [rad], shape (n,); without closed forms the self-motion distance from `near`."""
+    """Arm angle at the target [rad], shape (n,).
+
+    Without closed forms it is the self-motion distance from `near`.
+    """
     psi_approach: FloatArray
-    """Arm angle where the approach starts [rad]; linear along the line, shape (n,). Without closed forms its difference
+    """Arm angle where the approach starts [rad]; linear along the line, shape (n,).
+
+    Without closed forms its difference
     from `psi_target` is the drift along the self-motion during the approach, from the target outward."""
     psi_retract: FloatArray
-    """Arm angle where the retract ends [rad]; linear along the line, shape (n,). Without closed forms as for the
+    """Arm angle where the retract ends [rad]; linear along the line, shape (n,).
+
+    Without closed forms as for the
     approach."""
     near: FloatArray
-    """Joints whose whole turns those at the target are nearest to [rad], shape (n, joints); without closed forms the
+    """Joints whose whole turns those at the target are nearest to [rad], shape (n, joints).
+
+    Without closed forms the
     posture from which the one at the target is found."""
 
     @classmethod

@@ -78,7 +78,7 @@ class _Beam:
     """Flag of a beam that keeps nodes and states of every kind of posture."""
 
     def nodes_per_angle(self, rows: int, arms: int) -> int:
-        """Return the number of nodes of each working arm to pair at each state's angle."""
+        """Return the number of nodes per working arm for each state's angle."""
         if not self.varied:
             return self.per_angle
         most = self.problem.settings.varied_options // rows
@@ -360,7 +360,9 @@ def _paired(beam: _Beam, states: _States, k: int, rated: int | None) -> _Candida
 
 
 def _delayed(candidates: _Candidates, waits: FloatArray, kinds: IntArray | None) -> _Candidates:
-    """Add clearance delays to candidates, shape (b,), and sort again, best of each class first.
+    """Add clearance delays to candidates, (b,), and sort them again.
+
+    The best of each class come first.
 
     Impossible ones come last; if there are no others, what is wrong with them is found out when they are timed.
     """

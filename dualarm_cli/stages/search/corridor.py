@@ -200,7 +200,7 @@ def candidates_of(
 def stage_costs(
     problem: SequenceProblem, best: Evaluated, arms: list[CandidatePostures], angle: FloatArray
 ) -> FloatArray:
-    """Compute stage durations by the plans before and in it [s], shape (n, m, m)."""
+    """Compute stage durations by the previous and present plan [s], (n, m, m)."""
     n, m = angle.shape
     before = np.empty((n, m))
     before[1:] = angle[:-1]

@@ -141,7 +141,10 @@ def _poses(
     angles: FloatArray,
     yaw: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute flange poses at target, approach and retract, (m, 1, 3, 3) and (m, 3, 3)."""
+    """Compute target, approach and retract poses, (m, 1, 3, 3), (m, 3, 3).
+
+    They are poses of the flange.
+    """
     table = problem.arms[a].stop_table
     work = problem.arms[a]
     row = np.full(len(angles), table.first[stage])
@@ -247,7 +250,7 @@ def _runs(
 
 
 def _nearest(psi: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Move angles (n,) into the nearest of their intervals (n, k) [rad]; NaN without one."""
+    """Move angles (n,) into their nearest intervals (n, k) [rad]; NaN without."""
     width = end - start
     inset = 0.05 * width
     along = np.mod(psi[:, None] - start, TURN)

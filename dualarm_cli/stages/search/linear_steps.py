@@ -397,7 +397,7 @@ def _bounds(
 
 
 def _time_columns(stages: int, arms: int, first: int, past: int) -> IntArray:
-    """Return the columns of the times of stages `first` to before `past`, after the variables."""
+    """Return time columns of stages `first` to before `past`, after the variables."""
     lengths = np.arange(first, past)
     lines = np.arange(2 * first, 2 * min(past, stages))
     return np.concatenate([lengths, *(stages + 1 + 2 * a * stages + lines for a in range(arms))])

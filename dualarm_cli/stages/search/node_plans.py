@@ -130,7 +130,10 @@ class NodePlans:
     plans: list[tuple[NodePath, Evaluated]]
     """Different plans with feasible lines, best on the nodes first."""
     bound: float | None
-    """Lower bound of all plans on the nodes, with their line times [s]; None if a stop has no node."""
+    """Lower bound of plans on the nodes, with line times [s].
+
+    None if a stop has no node.
+    """
     lacking: tuple[int, ...] = ()
     """Stages for which no nodes were found, where that is why there is no plan."""
 
@@ -148,7 +151,10 @@ class _StageNodes:
     near: Evaluated | None
     """Plan around which nodes are placed."""
     loose: BoolArray | None
-    """Stages with nodes around the plan, shape (n,); None for all. The others have the plan's postures alone."""
+    """Stages with nodes around the plan, shape (n,), or None.
+
+    None for all. The others have the plan's postures alone.
+    """
     handed: dict[tuple[int, int], Nodes] = field(default_factory=dict)
     """Nodes of hand-overs, which are taken twice, by arm and stage."""
 

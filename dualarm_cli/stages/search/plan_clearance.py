@@ -38,7 +38,10 @@ class PlanClearance:
     stops: BoolArray
     """Flags of stages with collision-free lines, targets and retract ends, shape (n,)."""
     moves: BoolArray
-    """Flags of moves into stages, last the return, that are no no-goods, shape (n + 1,)."""
+    """Flags of moves into stages and return that are no no-goods, (n + 1,).
+
+    The return is last.
+    """
     waits: FloatArray
     """Estimated cost of collisions by stage, last the return [s], shape (n + 1,)."""
 
@@ -110,7 +113,7 @@ def step_waits(
     target: FloatArray,
     end: FloatArray,
 ) -> FloatArray:
-    """Estimate the clearance cost of n steps into a stage [s], infinite if blocked, (n,).
+    """Estimate n steps' clearance cost into a stage [s], infinite if blocked, (n,).
 
     Stops are nodes, where each arm alone is collision-free. Checked are each arm on its straight move, and both arms
     together there and at their stops, as in `plan_clearance`.
@@ -167,7 +170,7 @@ def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -
 def _joints(
     problem: SequenceProblem, test: SequenceClearance, plan: Evaluated
 ) -> tuple[FloatArray, FloatArray, FloatArray, list[FloatArray]]:
-    """Return all joints at move ends, targets, retract ends and on lines, (n, columns) each."""
+    """Return joints at move ends, targets, retract ends, lines, (n, columns) each."""
     n = problem.stages
     at_end, at_target, after = [], [], []
     on_lines: list[list[FloatArray | None]] = [[], [], [], []]

@@ -38,7 +38,7 @@ class Layer:
     """Time of approach, dwell and retract [s], shape (n,)."""
 
     def by_angle(self, f: int) -> IntArray:
-        """List the nodes of each platform angle, shape (f, w), padded with the number of nodes."""
+        """List each platform angle's nodes, (f, w), padded with the node count."""
         n = len(self.angle_index)
         count = np.bincount(self.angle_index, minlength=f)
         table = np.full((f, max(1, int(count.max()))), n, dtype=np.int64)

@@ -38,7 +38,10 @@ class SequenceResult:
     is_infeasible: bool = False
     """Whether every node of some stop collides; the plan shows where."""
     with_margin: tuple[Decisions, ...] = ()
-    """Plan with margin to the position limits, if any; it may be clear if the best one is not."""
+    """Plan with margin to the position limits, or empty.
+
+    It may be clear if the best plan is not.
+    """
 
 
 def search(
@@ -254,7 +257,7 @@ def search_near(
     *,
     local: bool,
 ) -> Evaluated | None:
-    """Search for a collision-free plan near a fast colliding one; None if none is found.
+    """Search for a collision-free plan near a fast colliding one, or None.
 
     Plans on one grid around the given plan are polished, combined with it stage by stage, and polished again. In long
     sequences, or if `local`, only colliding stages and their neighbours are re-planned, stretch by stretch. A stage

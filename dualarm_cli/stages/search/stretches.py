@@ -150,7 +150,9 @@ def in_parts(
     decided: Callable[[int, int], Decisions | None],
     starts: Sequence[Decisions] = (),
 ) -> tuple[Evaluated, BoolArray] | None:
-    """Plan a long sequence in overlapping parts; also flag the stages to polish, shape (n,).
+    """Plan a long sequence in parts; flag stages to polish, shape (n,).
+
+    The parts overlap.
 
     None where a part has none. Where two parts meet, the better of both is taken, stage by stage.
 

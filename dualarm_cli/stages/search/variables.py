@@ -15,7 +15,10 @@ from dualarm_cli.stages.plans.source import postures
 DIFFERENCE = 1e-6
 """Step of the finite differences [rad]: joints are smooth, and closed forms exact to 1e-14."""
 FIELDS = ("psi_target", "psi_approach", "psi_retract", "yaw")
-"""Variables of an arm at a stop; the first one also shifts the arm angles at line ends."""
+"""Variables of an arm at a stop.
+
+The first one also shifts the arm angles at line ends.
+"""
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,7 @@ class Slopes:
     q_retract: FloatArray
     """Derivatives of the joints at the end of the retract, shape (n, joints, v)."""
     approach: FloatArray
-    """Derivatives of joint times on the approach [s/rad], shape (n, joints, v); 0 out of reach."""
+    """Derivatives of approach joint times [s/rad], (n, joints, v), 0 out of reach."""
     retract: FloatArray
     """Derivatives of joint times on the retract [s/rad], shape (n, joints, v)."""
 
