@@ -86,14 +86,13 @@ def found_in(paths: Iterable[Path]) -> list[str]:
 
 
 def first_lines(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield the line and first sentence of each docstring and of each text under a field or constant."""
+    """Yield the first line of each docstring and of each text under a field or constant."""
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         for item in body if isinstance(body, list) else []:
             value = item.value if isinstance(item, ast.Expr) else None
             if isinstance(value, ast.Constant) and isinstance(value.value, str):
-                paragraph = " ".join(value.value.strip().split("\n\n")[0].split())
-                yield item.lineno, re.split(r"(?<=[.;:]) ", paragraph)[0]
+                yield item.lineno, value.value.strip().split("\n")[0]
 
 
 def bound_names(tree: ast.Module) -> Iterator[tuple[int, str]]:

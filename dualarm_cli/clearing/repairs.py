@@ -1,4 +1,4 @@
-"""Repairs of colliding stages: delay one arm, curve its transfer, or stop it at a via point."""
+"""Repairs of colliding stages: delays, curved transfers and via points."""
 
 from __future__ import annotations
 

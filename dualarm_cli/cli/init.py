@@ -31,7 +31,7 @@ def init_command(
     xacro_arg: XacroArgOption = None,
     json_output: JsonOption = False,
 ) -> None:
-    """Write a first project: cell, six picks that the robot reaches, a layout study and a CI workflow."""
+    """Write a first project: cell, six reachable picks, layout study and CI workflow."""
     from dualarm_cli.robot_import.expanded_text import parse_arguments
     from dualarm_cli.starting.project import refuse_used_folder, start_project
     from dualarm_cli.starting.robot_source import robot_source

@@ -207,7 +207,7 @@ def plan_command(
 
 
 def figures_of(plot: Path, job: Job) -> dict[Path, Draw]:
-    """List the figures of a job by their files: the Gantt chart, and those of its kinds of work."""
+    """List a job's figures by file: the Gantt chart and those of its kinds of work."""
     from dualarm_cli.kinds import of_kinds
     from dualarm_cli.report.figures.gantt_figure import draw_gantt
 

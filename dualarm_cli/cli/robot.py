@@ -187,7 +187,7 @@ def import_command(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the files.")] = False,
     json_output: JsonOption = False,
 ) -> None:
-    """Write a robot file from a URDF: arms, platform, limits, contacts and a start posture, each with its reason."""
+    """Write a robot file from a URDF: arms, platform, limits, contacts, start posture, reasons."""
     from dualarm_cli.cli.parts.result_files import refuse_folder, write_folder
     from dualarm_cli.robot_import.expanded_text import parse_arguments
     from dualarm_cli.robot_import.importing import Imported, ImportRequest, import_robot

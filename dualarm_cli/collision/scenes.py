@@ -40,7 +40,7 @@ Scene = Mapping[str, ArmScene]
 
 @dataclass(frozen=True)
 class _Span:
-    """Occupation of a room: until 2 k in stage k, whose events are before 2 k + 1."""
+    """Occupation of a room, up to 2k in stage k (events before 2k + 1)."""
 
     start: int
     end: int
@@ -149,7 +149,7 @@ def _met(
     spans: Mapping[int, _Span],
     times: tuple[int, int],
 ) -> ArmScene:
-    """List the parts that an arm may collide with: at its stop, and at the previous one."""
+    """List the parts that an arm may collide with at its stop and the previous one."""
     here, before = visited
     at_stop: dict[int, Visit] = {}
     left: dict[int, Visit] = {}

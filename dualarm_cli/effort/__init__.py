@@ -258,7 +258,7 @@ class ClearanceSettings:
     short_delay: float = 0.1
     """Delay at full speed up to which no curve is searched [s]."""
     curve_rounds: tuple[int, ...] = (17, 49, 49)
-    """Points of curves, round by round: more, and with a better estimate of what the others do then."""
+    """Numbers of curve points by round: more, as estimates of the rest improve."""
     timed_curves: int = 3
     """Curves, quickest first, that are timed in a round."""
     curve_spare: float = 0.004

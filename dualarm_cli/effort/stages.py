@@ -63,7 +63,7 @@ class Mesh:
 NEAR = Mesh(angle_step=np.radians(6.0), arm_angles=24, most_nodes=1500, width=40, around=3)
 """Grid around a plan that collides, at normal effort.
 
-And around the best plan of sequences that are not shorter than
+It also surrounds the best plan of sequences that are not shorter than
 `SCALING.long`: at 24 stages plans are 0.8 to 3.5 % shorter than with a grid as narrow as LOCAL."""
 LOCAL = Mesh(angle_step=np.radians(3.0), arm_angles=36, most_nodes=1500, width=40, around=1)
 """Grid around the best plan of shorter sequences."""

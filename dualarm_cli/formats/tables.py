@@ -22,8 +22,10 @@ from dualarm_cli.verification.as_done import events_by_stage
 from dualarm_cli.verification.tool_model import ToolModel
 
 DECIMALS: Mapping[Column, int] = {"position": 9, "velocity": 7, "acceleration": 5}
-"""Digits after the point of [rad], [rad/s], [rad/s²]: what positions of 1e-9 rad let one see at some 100 samples per
-second."""
+"""Decimals of [rad], [rad/s] and [rad/s²].
+
+Differences of positions rounded to 1e-9 rad show no more at about 100 samples per second.
+"""
 PLACE = 9
 """Decimals of times [s], distances [m] and quaternions."""
 BLOCK = 10_000

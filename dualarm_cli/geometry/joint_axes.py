@@ -31,7 +31,7 @@ class SrsDeviation:
     wrist: float
     """Largest distance of axes 5 to 7 from their common centre [m]."""
     gaps: tuple[float, ...]
-    """Distance of each axis from the next one, six of them [m]: the offsets of a data sheet."""
+    """Distances from each axis to the next [m], six: a data sheet's offsets."""
     angle: float
     """Largest deviation of two consecutive axes from a right angle [rad]."""
 

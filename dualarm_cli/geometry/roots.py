@@ -119,7 +119,7 @@ def _largest_cubic_zero(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArr
 
 
 def _quadratic_zeros(b: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute the zeros of y² + b y + c: real parts, and the imaginary part of a pair."""
+    """Compute the zeros of y² + b y + c as real and imaginary parts."""
     half = -b / 2.0
     discriminant = half * half - c
     root = np.sqrt(np.abs(discriminant))

@@ -105,7 +105,7 @@ class LimitedJoints:
 
 
 class PostureSource(LimitedJoints, ABC):
-    """An arm in the frame that carries it: poses of its flange, and postures that reach them."""
+    """Arm in its carrying frame: flange poses, and postures that reach them."""
 
     reach_step: ClassVar[float]
     """Spacing of the platform angles at which reach is examined [rad]."""

@@ -278,7 +278,7 @@ class SerialChain(LimitedJoints):
 
     @cached_property
     def wrist_gap(self) -> float:
-        """Largest distance of the last three axes from the point nearest to all [m]: 0 for a spherical wrist."""
+        """Largest distance of the last three axes from their common point [m]; 0: spherical wrist."""
         _, points, across = self._last_axes
         away = product(across, (points - self.meeting_point)[:, :, None])[..., 0]
         return float(norm(away, axis=1).max())

@@ -20,7 +20,7 @@ class BodyState:
     """Tools and elbows of a arms in the world, at n joints."""
 
     S: FloatArray
-    """Screws of the joints: velocity at the world's origin, then angular velocity, per rad/s, shape (n, 6)."""
+    """Joint screws per rad/s: velocity at the world's origin, angular velocity, shape (n, 6)."""
     R: FloatArray
     """Rotations of the tools, shape (a, 3, 3)."""
     p: FloatArray

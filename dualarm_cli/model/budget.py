@@ -1,4 +1,4 @@
-"""Budget of a job: its largest cycle time, least clearance and skew, and the comparison with a plan."""
+"""Budget of a job (cycle time, clearance, skew) and its comparison with a plan."""
 
 from __future__ import annotations
 

@@ -200,6 +200,6 @@ def judge(name: str, measured: float, allowed: float, where: str, *, slides: boo
 
 
 def not_checked(name: str, why: str = "") -> Check:
-    """State that a check is not made, and why: its criterion's reason if no other is given."""
+    """State that a check is not made, with its criterion's reason by default."""
     usual = criterion(name).unchecked
     return Check(name, "not checked", None, None, "", why or usual)

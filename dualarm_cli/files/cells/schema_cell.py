@@ -91,7 +91,7 @@ class ShapeSection(FramedPose):
 
 
 class ToolShapeSection(ShapeSection):
-    """A moving solid: of a tool, in the flange frame, or of a part, in the TCP frame."""
+    """Moving solid of a tool (flange frame) or of a part (TCP frame)."""
 
     @model_validator(mode="after")
     def _on_flange(self) -> ToolShapeSection:

@@ -64,7 +64,7 @@ class TurnSection(Section):
 
 
 class PieceSection(FramedPose):
-    """Next piece of a path: a straight line to a pose, an arc, a turn, or a spline."""
+    """Next piece of a path: straight line to a pose, arc, turn or spline."""
 
     arc: ArcSection | None = Field(default=None, description="A circular arc.")
     turn: TurnSection | None = Field(default=None, description="A turn about an axis.")

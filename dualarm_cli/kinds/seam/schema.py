@@ -1,4 +1,4 @@
-"""Schema of coordinate tasks: a part in one arm, a tool of the other along a curve on it."""
+"""Schema of coordinate tasks: one arm's tool along a curve on the other's part."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class CurveTolerances:
     The second solution keeps all digits there.
     """
     singular: float = 1e-12
-    """Sine of a middle joint below which its triple counts as singular: its first joint is then 0."""
+    """Sine of a middle joint below which its triple is singular (first joint 0)."""
     slack: float = 1e-11
     """Rounding tolerance of a wrist centre's reach [m]."""
 

@@ -260,7 +260,7 @@ def _refuse_broken(schedule: Schedule, name: str) -> None:
 def _refuse_strangers(
     versions: Sequence[Sequence[Version]], pairs: Sequence[Pair], names: tuple[str, str]
 ) -> None:
-    """Raise where no stage of the one does anything that the other does: times alone say nothing."""
+    """Raise if no stages of the two schedules share any work."""
     work = [any(v.work for v in side) for side in versions]
     shared = any(i is not None and j is not None and versions[0][i].work for i, j in pairs)
     if any(work) and not shared:

@@ -418,7 +418,7 @@ def _waits(
 def _options(
     beam: _Beam, states: _States, a: int, k: int, most: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], IntArray]:
-    """Select an arm's best nodes from each state at each platform angle: cost, rest, node: (b, f, w).
+    """Select an arm's best nodes by state and platform angle: cost, rest, node (b, f, w).
 
     In a varied beam only the best node of each kind of posture counts.
     """

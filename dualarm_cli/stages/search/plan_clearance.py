@@ -21,7 +21,7 @@ class PlanClearanceSettings:
     turns: float = 1.0
     """About how long it waits where they cannot be at their targets at once [s]."""
     stops: int = 7
-    """Places that are looked at of every stop: two on each line, its target, and where the lines begin and end."""
+    """Number of sampled places per stop: two per line, target, and the lines' ends."""
     detour: float = 0.1
     """Approximate fixed cost of a curved transfer [s]."""
     depth: float = 10.0
