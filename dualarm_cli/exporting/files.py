@@ -39,7 +39,9 @@ def check_writable(folder: Path, force: bool, option: str = "--out") -> None:
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{option} {folder}: is a file; name a folder")
     if not force:
-        _refuse_existing(folder, (SCHEDULE, URDF, REPORT, SAMPLES, EVENTS, TARGETS), option)
+        meshes = sorted(path.name for path in folder.glob("mesh_*.stl"))
+        names = (SCHEDULE, URDF, REPORT, SAMPLES, EVENTS, TARGETS, *meshes)
+        _refuse_existing(folder, names, option)
     parent = folder
     while not parent.exists():
         parent = parent.parent

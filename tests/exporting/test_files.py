@@ -165,6 +165,14 @@ def test_an_interrupt_leaves_the_old_files_untouched_and_no_rubbish(folder, sche
     assert contents(folder) == before
 
 
+def test_a_mesh_of_an_earlier_cell_is_refused_before_planning(tmp_path):
+    """The option is named, as for every file of a plan."""
+    (tmp_path / "mesh_table_0.stl").write_bytes(b"solid\n")
+    with pytest.raises(OutputError, match=r"^--out .*a file mesh_table_0\.stl; add --force"):
+        check_writable(tmp_path, False)
+    check_writable(tmp_path, True)
+
+
 def test_a_folder_where_a_file_should_be_leaves_the_old_schedule_in_force(folder, schedule):
     """schedule.csv is a folder: schedule.json, which goes last, stays the old one; no rubbish."""
     (folder / "schedule.csv").unlink()
