@@ -14,8 +14,8 @@ from dualarm_cli.formats.markers import COLOURS
 from dualarm_cli.formats.request import ExportRequest
 from dualarm_cli.formats.solid_meshes import solid_mesh
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.page.carried_objects import carried_objects
 from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, bodies, poses_at, solids
-from dualarm_cli.page.things import things
 from dualarm_cli.verification.as_done import job_as_done
 
 FLOAT, UNSIGNED = 5126, 5125
@@ -53,18 +53,18 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
     done = job_as_done(schedule, job)
     for solid in solids(model, job.cell, hulls):
         scene.solid(solid, holders[solid["body"]], solid["role"], hulls)
-    for thing in things(schedule, done, hulls):
-        if not thing["solids"]:
+    for carried in carried_objects(schedule, done, hulls):
+        if not carried["solids"]:
             continue
-        instants = _instants(thing, frames)
-        translations, rotations = _object_poses(thing, instants, request, model)
+        instants = _instants(carried, frames)
+        translations, rotations = _object_poses(carried, instants, request, model)
         initial_pose = {"translation": translations[0].tolist(), "rotation": rotations[0].tolist()}
-        node = scene.node(thing["name"], root, initial_pose)
+        node = scene.node(carried["name"], root, initial_pose)
         track = scene.array(instants[:, None], "SCALAR", extremes=True)
         scene.animate(node, track, "translation", translations)
         scene.animate(node, track, "rotation", rotations)
-        for solid in thing["solids"]:
-            scene.solid(solid | {"name": thing["name"]}, node, thing["role"], hulls)
+        for solid in carried["solids"]:
+            scene.solid(solid | {"name": carried["name"]}, node, carried["role"], hulls)
     return {"scene.glb": [scene.binary(schedule.provenance.version)]}
 
 
@@ -77,12 +77,12 @@ def _motion(body: Mapping[str, Any], positions: FloatArray) -> tuple[str, FloatA
     return "rotation", np.column_stack([np.sin(half) * axis, np.cos(half)])
 
 
-def _instants(thing: Mapping[str, Any], frames: FloatArray) -> FloatArray:
+def _instants(carried: Mapping[str, Any], frames: FloatArray) -> FloatArray:
     """Select the instants of an object's keyframes: at changes of carrier, and throughout carrying.
 
     Between keyframes a lying object, or one on a conveyor, moves linearly.
     """
-    steps = thing["keyframes"]
+    steps = carried["keyframes"]
     ends = np.array([*(step["time"] for step in steps), frames[-1]])
     carried = [step["body"] != WORLD_BODY for step in steps]
     index = np.clip(np.searchsorted(ends[:-1], frames, side="right") - 1, 0, None)
@@ -98,10 +98,10 @@ def _distinct(times: FloatArray) -> BoolArray:
 
 
 def _object_poses(
-    thing: Mapping[str, Any], instants: FloatArray, request: ExportRequest, model: pin.Model
+    carried: Mapping[str, Any], instants: FloatArray, request: ExportRequest, model: pin.Model
 ) -> tuple[FloatArray, FloatArray]:
     """Compute an object's world positions (m, 3) and quaternions (m, 4) at instants (m,)."""
-    job, steps = request.job, thing["keyframes"]
+    job, steps = request.job, carried["keyframes"]
     assert job is not None
     positions = request.schedule.trajectory.select(job.cell.robot.joints).at(instants)[0]
     begins = np.array([step["time"] for step in steps])

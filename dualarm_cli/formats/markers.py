@@ -17,8 +17,8 @@ from dualarm_cli.formats.sampling import NANO
 from dualarm_cli.formats.solid_meshes import hull_mesh
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.schedule import Event, ScheduleRobot
+from dualarm_cli.page.carried_objects import carried_objects
 from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, solids
-from dualarm_cli.page.things import things
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.as_done import job_as_done
 
@@ -65,8 +65,8 @@ def marker_rows(
     ]
     if standing:
         yield 0, standing
-    for number, thing in enumerate(things(schedule, done, hulls)):
-        yield from _thing(thing, number, names, request, hulls)
+    for number, carried in enumerate(carried_objects(schedule, done, hulls)):
+        yield from _carried(carried, number, names, request, hulls)
     for number, event in enumerate(schedule.events):
         time = round(event.time * NANO)
         yield time, [_words(event, number, time, world)]
@@ -86,15 +86,15 @@ def _body_names(
     return frames_by_body
 
 
-def _thing(
-    thing: Mapping[str, Any],
+def _carried(
+    carried: Mapping[str, Any],
     number: int,
     names: Mapping[int, tuple[str, pin.SE3]],
     request: ExportRequest,
     hulls: DrawnHulls,
 ) -> Iterator[tuple[int, Rows]]:
     """Yield the markers of a part or changed tool at each new carrier."""
-    steps = thing["keyframes"]
+    steps = carried["keyframes"]
     ends = [*(step["time"] for step in steps[1:]), request.schedule.duration]
     for step, end in zip(steps, ends, strict=True):
         times = [step["time"]]
@@ -108,8 +108,8 @@ def _thing(
             holder = (frame, body * pose)
             instant = round(time * NANO)
             rows = [
-                _marker(solid, (thing["role"], number * 1000 + k), holder, instant, hulls)
-                for k, solid in enumerate(thing["solids"])
+                _marker(solid, (carried["role"], number * 1000 + k), holder, instant, hulls)
+                for k, solid in enumerate(carried["solids"])
             ]
             if rows:
                 yield instant, rows

@@ -16,9 +16,9 @@ from dualarm_cli.exporting.schedule_json import event_row, segment_row, stage_ro
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, distinct
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
+from dualarm_cli.page.carried_objects import carried_objects, clip_to_lifetimes
 from dualarm_cli.page.packed import joint_knots, packed
 from dualarm_cli.page.scene import DrawnHulls, bodies, flange, placed, solids, tcp, visuals
-from dualarm_cli.page.things import things, while_they_are_there
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.report import plan_title
 from dualarm_cli.verification.as_done import job_as_done
@@ -46,7 +46,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
     hulls = DrawnHulls()
     tcps = {arm.name: tcp(model, job.cell, arm.name) for arm in job.cell.robot.arms}
     seen = solids(model, job.cell, hulls)
-    moved = while_they_are_there(things(schedule, done, hulls), schedule, done)
+    moved = clip_to_lifetimes(carried_objects(schedule, done, hulls), schedule, done)
     return {
         "format": "dualarm.page/1",
         "title": plan_title(schedule),
@@ -62,7 +62,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "tcps": {arm: {"body": body} | placed(pose) for arm, (body, pose) in tcps.items()},
         "flanges": {arm: placed(flange(model, job.cell.robot, arm).placement) for arm in tcps},
         "frames": {name: placed(pose) for name, pose in job.cell.frames.items()},
-        "things": moved,
+        "objects": moved,
         "conveyors": _conveyors(done),
         "segments": [segment_row(segment) for segment in schedule.segments],
         "events": [event_row(event) for event in schedule.events],

@@ -66,9 +66,9 @@ def body_poses(data: dict[str, Any], time: float) -> list[FloatArray]:
     return found
 
 
-def thing_pose(data: dict[str, Any], thing: dict[str, Any], time: float) -> FloatArray:
-    """Returns where a thing is in the world, by its last keyframe."""
-    step = [s for s in thing["keyframes"] if s["time"] <= time][-1]
+def object_pose(data: dict[str, Any], carried: dict[str, Any], time: float) -> FloatArray:
+    """Returns where a carried object is in the world, by its last keyframe."""
+    step = [s for s in carried["keyframes"] if s["time"] <= time][-1]
     own = matrix(step)
     if step["body"] >= 0:
         return body_poses(data, time)[step["body"]] @ own
@@ -106,14 +106,14 @@ def test_tools_are_where_pinocchio_has_them(shown) -> None:
             assert np.abs(drawn @ arm.tcp.homogeneous - expected).max() < 1e-9
 
 
-def test_things_do_not_jump_when_they_change_hands(shown) -> None:
+def test_carried_objects_do_not_jump_when_they_change_hands(shown) -> None:
     """Where one keyframe ends the next begins; what an arm lets go is where it was commanded."""
     changes = 0
-    for thing in shown.data["things"]:
-        assert thing["keyframes"][0]["time"] == 0.0
-        for step in thing["keyframes"][1:]:
-            before = thing_pose(shown.data, thing, step["time"] - 1e-7)
-            after = thing_pose(shown.data, thing, step["time"])
+    for carried in shown.data["objects"]:
+        assert carried["keyframes"][0]["time"] == 0.0
+        for step in carried["keyframes"][1:]:
+            before = object_pose(shown.data, carried, step["time"] - 1e-7)
+            after = object_pose(shown.data, carried, step["time"])
             assert np.abs(before - after).max() < 1e-5
             changes += 1
     held = [e for e in shown.data["events"] if e["action"] in ("pick", "place", "take_tool")]
@@ -127,13 +127,13 @@ def test_parts_lie_in_the_end_where_they_were_placed(shown) -> None:
     for event in shown.data["events"]:
         if event["action"] != "place" or event["task"] in handed:
             continue
-        thing = next(t for t in shown.data["things"] if t["name"] == event["task"])
+        carried = next(t for t in shown.data["objects"] if t["name"] == event["task"])
         tool = next((t.tool for t in shown.job.tasks if t.id == event["task"]), "")
         gone = (end - event["time"]) * np.array(event.get("velocity", [0.0, 0.0, 0.0]))
         grip = shown.job.cell.T_own_tool(event["arm"], tool).translation
         commanded = matrix({"xyz": event["xyz"], "quat": event["quat_xyzw"]})
         expected = (commanded @ [*grip, 1.0])[:3] + gone
-        assert thing_pose(shown.data, thing, end)[:3, 3] == pytest.approx(expected, abs=1e-4)
+        assert object_pose(shown.data, carried, end)[:3, 3] == pytest.approx(expected, abs=1e-4)
 
 
 def test_the_clearance_curves_meet_what_is_proven(shown) -> None:
@@ -216,7 +216,7 @@ def test_parts_come_and_go_as_the_bodies_that_collide(quick_plan, tasks_folder) 
     comes = next(s.start for s in schedule.segments if (s.task, s.kind) == (right.id, "approach"))
     ends = {}
     for name, one in (("plain", plain), ("chute", chute)):
-        found = without_report(schedule, one)["things"]
+        found = without_report(schedule, one)["objects"]
         steps = [t["keyframes"] for t in found if t["name"] in (left.id, right.id)]
         ends[name] = [[(row[k]["time"], row[k]["body"]) for k in (0, -1)] for row in steps]
     assert [row[0][0] for row in ends["plain"]] == [0.0, 0.0]

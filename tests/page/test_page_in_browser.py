@@ -148,7 +148,7 @@ def assert_tools_are_pinocchios(
 def test_a_robot_without_solids_is_drawn(built: Path, planned: Callable[[str], Planned]) -> None:
     """By its joints and what joins them."""
     page = planned("05_two_robots").page
-    page.write_bytes(page_html(data_of(page) | {"solids": [], "things": []}))
+    page.write_bytes(page_html(data_of(page) | {"solids": [], "objects": []}))
     seen = seen_in_browser(built, page, [0.0])
     assert seen["errors"] == []
     assert seen["pictureChanged"]

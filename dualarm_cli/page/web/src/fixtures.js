@@ -26,17 +26,17 @@ const RAISED = 0.25;
 
 /**
  * Compute the bounds of parts in a frame.
- * @param {import("./types.js").Thing} thing
- * @param {Pose} pose of the thing in that frame
+ * @param {import("./types.js").CarriedObject} object
+ * @param {Pose} pose of the object in that frame
  * @param {Plan} plan
  */
-function boundsIn(thing, pose, plan) {
+function boundsIn(object, pose, plan) {
   const box = new THREE.Box3();
-  if (thing.solids.length === 0) {
+  if (object.solids.length === 0) {
     const half = new THREE.Vector3(HALF, HALF, HALF);
     return box.setFromCenterAndSize(new THREE.Vector3(...pose.xyz), half.multiplyScalar(2));
   }
-  for (const solid of thing.solids) {
+  for (const solid of object.solids) {
     const { xyz, quat } = compose(pose, solid);
     const geometry = geometryOf(solid, plan.hulls).applyQuaternion(new THREE.Quaternion(...quat)).translate(...xyz);
     geometry.computeBoundingBox();
@@ -52,15 +52,15 @@ function boundsIn(thing, pose, plan) {
  */
 export function loads(plan) {
   const frames = Object.entries(plan.frames).map(([name, frame]) => ({ name, frame, boxes: /** @type {THREE.Box3[]} */ ([]), isFilled: false, far: FAR }));
-  for (const thing of plan.things.filter(({ role }) => role === "part")) {
-    thing.keyframes.forEach((keyframe, i) => {
+  for (const object of plan.objects.filter(({ role }) => role === "part")) {
+    object.keyframes.forEach((keyframe, i) => {
       if (keyframe.body !== WORLD || Math.hypot(...keyframe.velocity) > 0) return;
       const distance = (/** @type {{frame: Pose}} */ { frame }) => Math.hypot(...frame.xyz.map((x, k) => x - keyframe.xyz[k]));
       const [nearest] = [...frames].sort((a, b) => distance(a) - distance(b));
       const isNear = nearest && distance(nearest) < nearest.far;
-      const load = isNear ? nearest : { name: `place of ${thing.name}`, frame: { ...IDENTITY, xyz: keyframe.xyz }, boxes: [], isFilled: false, far: BESIDE };
+      const load = isNear ? nearest : { name: `place of ${object.name}`, frame: { ...IDENTITY, xyz: keyframe.xyz }, boxes: [], isFilled: false, far: BESIDE };
       if (!isNear) frames.push(load);
-      load.boxes.push(boundsIn(thing, compose(inverse(load.frame), keyframe), plan));
+      load.boxes.push(boundsIn(object, compose(inverse(load.frame), keyframe), plan));
       if (i > 0) load.isFilled = true;
     });
   }

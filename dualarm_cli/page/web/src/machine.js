@@ -9,7 +9,7 @@ import { geometryOf, place } from "./shapes.js";
 /** @typedef {import("./types.js").Plan} Plan */
 /** @typedef {import("./types.js").Solid} Solid */
 /** @typedef {import("./types.js").Pose} Pose */
-/** @typedef {import("./types.js").Thing} Thing */
+/** @typedef {import("./types.js").CarriedObject} CarriedObject */
 /** @typedef {import("./shapes.js").Materials} Materials */
 
 /** Cosine above which a joint turns about its link, rather than bends it. */
@@ -166,16 +166,16 @@ export class Machine {
 /**
  * Compute the extents of a held part in the frame of the tool, from its solids; null if it has none or is never held.
  * @param {Plan} plan
- * @param {Thing} thing
+ * @param {CarriedObject} object
  * @param {string} arm
  * @returns {THREE.Box3 | null}
  */
-function heldExtents(plan, thing, arm) {
+function heldExtents(plan, object, arm) {
   const tcp = plan.tcps[arm];
-  const held = thing.keyframes.find((keyframe) => keyframe.body === tcp.body);
-  if (!held || thing.solids.length === 0) return null;
+  const held = object.keyframes.find((keyframe) => keyframe.body === tcp.body);
+  if (!held || object.solids.length === 0) return null;
   const box = new THREE.Box3();
-  for (const solid of thing.solids) {
+  for (const solid of object.solids) {
     const { xyz, quat } = compose(compose(inverse(tcp), held), solid);
     const geometry = geometryOf(solid, plan.hulls);
     geometry.applyQuaternion(new THREE.Quaternion(...quat)).translate(...xyz);
@@ -231,8 +231,8 @@ class Gripper {
     this.changes = grips(plan.events, arm);
     const T_tcp_flange = compose(inverse(tcp), plan.flanges[arm]);
     this.flange = new THREE.Vector3(...T_tcp_flange.xyz);
-    this.changesTools = plan.things.some((thing) => thing.role === "tool" && thing.keyframes.some((keyframe) => keyframe.body === tcp.body));
-    const boxes = plan.things.filter((thing) => thing.role === "part").flatMap((thing) => heldExtents(plan, thing, arm) ?? []);
+    this.changesTools = plan.objects.some((object) => object.role === "tool" && object.keyframes.some((keyframe) => keyframe.body === tcp.body));
+    const boxes = plan.objects.filter((object) => object.role === "part").flatMap((object) => heldExtents(plan, object, arm) ?? []);
     const sides = /** @type {("x" | "y")[]} */ (["x", "y"]).map((side) => Math.max(0.03, ...boxes.map((box) => box.max[side] - box.min[side])));
     this.side = sides[1] <= sides[0] ? 1 : 0;
     this.width = Math.min(...sides);

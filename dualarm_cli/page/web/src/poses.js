@@ -1,10 +1,10 @@
-// Poses of bodies, tools and things in double precision.
+// Poses of bodies, tools and carried objects in double precision.
 
 /** @typedef {import("./types.js").Vector} Vector */
 /** @typedef {import("./types.js").Quaternion} Quaternion */
 /** @typedef {import("./types.js").Pose} Pose */
 /** @typedef {import("./types.js").Body} Body */
-/** @typedef {import("./types.js").Thing} Thing */
+/** @typedef {import("./types.js").CarriedObject} CarriedObject */
 
 export const WORLD = -1;
 
@@ -106,15 +106,15 @@ export function forwardKinematics(bodies, positions) {
 }
 
 /**
- * Compute the pose of a thing in the world at a time, or null while it is absent.
- * @param {Thing} thing keyframes in order of time
+ * Compute the pose of an object in the world at a time, or null while it is absent.
+ * @param {CarriedObject} object keyframes in order of time
  * @param {number} time s
  * @param {Pose[]} poses of the bodies at that time
  * @returns {Pose | null}
  */
-export function thingPose(thing, time, poses) {
-  let current = thing.keyframes[0];
-  for (const keyframe of thing.keyframes) if (keyframe.time <= time) current = keyframe;
+export function objectPose(object, time, poses) {
+  let current = object.keyframes[0];
+  for (const keyframe of object.keyframes) if (keyframe.time <= time) current = keyframe;
   if (current === undefined || current.time > time || current.body === null) return null;
   if (current.body !== WORLD) return compose(poses[current.body], current);
   const dt = time - current.time;

@@ -6,7 +6,7 @@ import { clearanceColour } from "./clearance.js";
 import { Fixtures, seamParts } from "./fixtures.js";
 import { Machine } from "./machine.js";
 import { Belt, ClosestPair, Skeleton, traces } from "./scene_parts.js";
-import { Things } from "./scene_things.js";
+import { CarriedObjects } from "./scene_objects.js";
 import { Materials, meshOf, place } from "./shapes.js";
 import { WORLD, compose, forwardKinematics } from "./poses.js";
 import { positionsAt } from "./trajectory.js";
@@ -77,8 +77,8 @@ export class Scene {
       parent.add(mesh);
       return mesh;
     });
-    this.things = new Things(plan, materials);
-    this.add(this.things.meshes);
+    this.objects = new CarriedObjects(plan, materials);
+    this.add(this.objects.meshes);
     this.machine = new Machine(plan, materials);
     this.fixtures = new Fixtures(plan, materials);
     this.drawings = [...this.machine.pieces, ...seamParts(plan, materials)].map(({ body, mesh }) => {
@@ -104,7 +104,7 @@ export class Scene {
     this.size = 1;
     this.setTime(0);
     this.setSize();
-    for (const object of [...this.frames, ...this.things.meshes, ...this.meshes, this.fixtures.group]) {
+    for (const object of [...this.frames, ...this.objects.meshes, ...this.meshes, this.fixtures.group]) {
       object.traverse((part) => part.layers.enable(CASTS));
     }
     this.shadows = this.makeShadows();
@@ -169,7 +169,7 @@ export class Scene {
     this.poses = forwardKinematics(this.plan.bodies, positionsAt(this.plan.joints, time));
     const poses = this.poses;
     this.frames.forEach((frame, i) => place(frame, poses[i]));
-    this.things.setTime(time, poses);
+    this.objects.setTime(time, poses);
     this.machine.setTime(time);
     for (const belt of this.belts) belt.setTime(time);
     for (const trace of this.traces) trace.setTime(time);
@@ -283,11 +283,11 @@ export class Scene {
     this.render();
   }
 
-  /** Collect points around the robot, things, tool paths and all but very large solids. */
+  /** Collect points around the robot, carried objects, tool paths and all but very large solids. */
   outline() {
     this.world.updateMatrixWorld(true);
     /** @type {THREE.Vector3[]} */
-    const points = [...this.traces.flatMap((trace) => corners(trace.bounds())), ...this.things.positions()];
+    const points = [...this.traces.flatMap((trace) => corners(trace.bounds())), ...this.objects.positions()];
     for (let i = 0; i <= POSTURES; i++) {
       const positions = positionsAt(this.plan.joints, (this.plan.duration * i) / POSTURES);
       for (const pose of forwardKinematics(this.plan.bodies, positions)) points.push(new THREE.Vector3(...pose.xyz));
@@ -361,7 +361,7 @@ export class Scene {
     const caster = new THREE.Raycaster();
     caster.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.camera);
     const hits = caster.intersectObjects([...this.world.children], true);
-    const names = hits.filter(({ object }) => isShown(object)).map((hit) => this.things.nameOf(hit) || hit.object.name);
+    const names = hits.filter(({ object }) => isShown(object)).map((hit) => this.objects.nameOf(hit) || hit.object.name);
     return names.find((name) => name !== "") ?? "";
   }
 }

@@ -49,7 +49,7 @@
 /** @typedef {{corners: Float32Array, triangles: Uint32Array}} Hull */
 
 /** @typedef {{time: number, body: number | null, velocity: Vector} & Pose} Keyframe */
-/** @typedef {{name: string, role: "part" | "tool", solids: Solid[], keyframes: Keyframe[]}} Thing */
+/** @typedef {{name: string, role: "part" | "tool", solids: Solid[], keyframes: Keyframe[]}} CarriedObject */
 /** @typedef {{name: string, length: number, width: number, velocity: Vector} & Pose} Conveyor */
 
 /**
@@ -100,7 +100,7 @@
  * @property {Object<string, {body: number} & Pose>} tcps
  * @property {Object<string, Pose>} flanges in the bodies of the tool centre points
  * @property {Object<string, Pose>} frames of the cell, in the world
- * @property {Thing[]} things
+ * @property {CarriedObject[]} objects
  * @property {Conveyor[]} conveyors
  * @property {Segment[]} segments
  * @property {Event[]} events

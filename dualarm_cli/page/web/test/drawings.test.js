@@ -43,7 +43,7 @@ const cell = (more) => ({
   bodies: [upright(0, 0, 0)],
   solids: [table(0.7)],
   hulls: [],
-  things: [
+  objects: [
     { name: "near", role: "part", solids: [], keyframes: [lies(0, 0.05, 0.8), { ...lies(0, 0, 0, 1), body: 3 }, lies(0.5, 0, 0.8, 2)] },
     { role: "part", solids: [], keyframes: [lies(0, -0.05, 0.8)] },
     { role: "part", solids: [], keyframes: [{ ...lies(0.1, 0, 0.8), velocity: [0.2, 0, 0] }] },
@@ -83,7 +83,7 @@ const robot = (solid, visuals = []) => ({
   solids: [{ name: "base", role: "link", kind: "box", size: [0.3, 0.3, 0.5], hull: null, body: 0, arm: "", ...upright(0, 0, 0.75) }, { name: "link", role: "link", hull: null, body: 1, arm: "left", ...upright(0, 0, 0.1), ...solid }],
   visuals,
   hulls: [{ corners: new Float32Array([0, 0, 0, 0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1]), triangles: new Uint32Array([0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]) }],
-  things: [],
+  objects: [],
   events: [],
 });
 

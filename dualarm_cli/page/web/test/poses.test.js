@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { compose, forwardKinematics, product, rotate, thingPose, transform, turn } from "../src/poses.js";
+import { compose, forwardKinematics, objectPose, product, rotate, transform, turn } from "../src/poses.js";
 
 const near = (/** @type {number[]} */ a, /** @type {number[]} */ b, tolerance = 1e-12) =>
   a.forEach((x, i) => assert.ok(Math.abs(x - b[i]) <= tolerance, `${a} is not ${b}`));
@@ -52,10 +52,10 @@ test("a fixed body stays on its parent", () => {
   near(forwardKinematics(bodies, [])[1].xyz, [1, 2, 4]);
 });
 
-test("a thing lies, is carried, and moves with a belt", () => {
+test("an object lies, is carried, and moves with a belt", () => {
   const quat = /** @type {[number, number, number, number]} */ ([0, 0, 0, 1]);
-  /** @type {import("../src/types.js").Thing} */
-  const thing = {
+  /** @type {import("../src/types.js").CarriedObject} */
+  const object = {
     name: "part", role: "part", solids: [],
     keyframes: [
       { time: 0, body: -1, xyz: [1, 0, 0], quat, velocity: [0, 0.5, 0] },
@@ -64,11 +64,11 @@ test("a thing lies, is carried, and moves with a belt", () => {
     ],
   };
   const poses = [{ xyz: /** @type {[number, number, number]} */ ([5, 5, 5]), quat }];
-  near(thingPose(thing, 0, poses)?.xyz ?? [], [1, 0, 0]);
-  near(thingPose(thing, 1.5, poses)?.xyz ?? [], [1, 0.75, 0]);
-  near(thingPose(thing, 2, poses)?.xyz ?? [], [5, 5, 4.9]);
-  assert.equal(thingPose(thing, 3.5, poses), null);
-  assert.equal(thingPose({ ...thing, keyframes: [] }, 0, poses), null);
+  near(objectPose(object, 0, poses)?.xyz ?? [], [1, 0, 0]);
+  near(objectPose(object, 1.5, poses)?.xyz ?? [], [1, 0.75, 0]);
+  near(objectPose(object, 2, poses)?.xyz ?? [], [5, 5, 4.9]);
+  assert.equal(objectPose(object, 3.5, poses), null);
+  assert.equal(objectPose({ ...object, keyframes: [] }, 0, poses), null);
 });
 
 test("composing a pose with its inverse gives the identity", () => {

@@ -23,7 +23,7 @@ from dualarm_cli.verification.tool_model import ToolModel
 STILL = [0.0, 0.0, 0.0]
 
 
-def things(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dict[str, Any]]:
+def carried_objects(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dict[str, Any]]:
     """List every part and changed tool with its keyframes.
 
     Args:
@@ -60,25 +60,25 @@ def things(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dict[str, An
     return rows
 
 
-def while_they_are_there(
+def clip_to_lifetimes(
     rows: Sequence[dict[str, Any]], schedule: Schedule, job: Job
 ) -> list[dict[str, Any]]:
-    """End the display of parts when the verifier removes their bodies.
+    """Clip the keyframes of parts to the lifetimes of their bodies in the verification.
 
     Args:
-        rows: things of the two.
+        rows: of `carried_objects`.
         schedule: who does what when.
         job: as it was done.
     """
     tools = ToolModel(schedule)
     motion, shown = ExecutedJob(schedule, job, line_spans(schedule, job, tools), tools), []
     lives = {lying.key: motion.lies(lying) for lying in lying_parts(job, motion.visits)}
-    for thing in rows:
-        steps = [dict(step) for step in thing["keyframes"]]
+    for carried in rows:
+        steps = [dict(step) for step in carried["keyframes"]]
         for key, event in motion.events.items():
             stop = motion.stops[key][1]
-            is_positioned = isinstance(stop.target, PoseTarget) and thing["role"] == "part"
-            if key[1] != thing["name"] or not is_positioned or not thing["solids"]:
+            is_positioned = isinstance(stop.target, PoseTarget) and carried["role"] == "part"
+            if key[1] != carried["name"] or not is_positioned or not carried["solids"]:
                 continue
             begin, end = lives.get(key, (event.changes_held, event.changes_held))
             if stop.action == "pick":
@@ -86,7 +86,7 @@ def while_they_are_there(
                 steps[0] |= {"time": begin, "xyz": (np.array(steps[0]["xyz"]) + offset).tolist()}
             elif stop.action == "place" and end < schedule.duration:
                 steps.append({**steps[-1], "time": end, "body": None})
-        shown.append({**thing, "keyframes": steps})
+        shown.append({**carried, "keyframes": steps})
     return shown
 
 
@@ -119,17 +119,17 @@ class _Follower:
                 steps.append(self._before(event, grips[event.arm]))
             pose = self._pose(steps[-1], time)
             if event.action in TAKES:
-                T_tcp_thing = self._tcp_pose(event.arm, time).actInv(pose)
-                steps.append(self.carried(event.arm, T_tcp_thing, time))
+                T_tcp_object = self._tcp_pose(event.arm, time).actInv(pose)
+                steps.append(self.carried(event.arm, T_tcp_object, time))
             elif event.action != "give":  # a giving arm releases it after the other's grip
                 steps.append(_lying(pose, time, event.velocity))
         return steps
 
-    def carried(self, arm: str, T_tcp_thing: pin.SE3, time: float) -> dict[str, Any]:
+    def carried(self, arm: str, T_tcp_object: pin.SE3, time: float) -> dict[str, Any]:
         """Build the keyframe of an object that an arm carries from a time on."""
         body, T_body_tcp = tcp(self.model, self.cell, arm)
         about = {"time": time, "body": body, "velocity": STILL}
-        return about | placed(T_body_tcp * T_tcp_thing)
+        return about | placed(T_body_tcp * T_tcp_object)
 
     def _before(self, event: Event, grip: pin.SE3) -> dict[str, Any]:
         """Derive the first keyframe from the first event: lying, or carried by the arm."""
