@@ -131,7 +131,7 @@ ALLOWED: Mapping[str, str] = {
     "tasks": "a path, the name of a bundled job, or a mapping",
     "changes": "a mapping by pointer, such as {'cell:/clearance': '3 mm'}",
     "pointer": "text, such as 'cell:/clearance'",
-    "study": "the path of a study file",
+    "study": "the path of a study file, the name of a bundled job, or a mapping",
     "code": "text, such as 'E610'",
 }
 """Allowed values of Python arguments, by name, for messages."""

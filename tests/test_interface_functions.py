@@ -33,7 +33,9 @@ from dualarm_cli import (
 from dualarm_cli.cli.run import command_line
 from dualarm_cli.errors import BlockedError, UnknownSolverError
 from dualarm_cli.exporting.schedule_json import to_json
+from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.refusals import Refusal
+from dualarm_cli.studies import search
 
 TASKS = Path(__file__).parents[1] / "tasks" / "01_first_pick"
 X = "tasks:/tasks/left part/pick/xyz/0"
@@ -269,10 +271,28 @@ def test_arguments_of_wrong_types_are_refused_by_name(found: Plan) -> None:
         (lambda: export(job, "csv"), f"plan <Job .*: {is_plan}"),
         (lambda: explain(610), "code 610: must be text, such as 'E610'"),
         (lambda: inverse_kinematics("01_first_pick", "left", pose), f"job '01.*: {is_job}"),
-        (lambda: sweep({"a": 1}), "study {'a': 1}: must be the path of a study file"),
+        (lambda: sweep(3), "study 3: must be the path of a study file, the name of a bundled job"),
     ):
         with pytest.raises(UsageError, match=message):
             call()  # type: ignore[no-untyped-call]
+
+
+def test_studies_are_mappings_and_bundled_ones_too(tmp_path, monkeypatch) -> None:
+    """From any folder; faults are placed in the mapping."""
+    monkeypatch.chdir(tmp_path)
+    study = load_study("04_packing")
+    assert study.name == "tasks/04_packing/study.yaml"
+    assert study.tasks[0].path.is_file() and len(search.study_points(study)) == 12
+    values = {"dualarm": "study/1", "tasks": "01_first_pick", "parameters": {}}
+    with pytest.raises(InputError, match=r"^study:4:17: E200 .*at least 1"):
+        sweep(values)
+    with pytest.raises(InputError, match=r"there is no file '04_packin' here"):
+        sweep(
+            values
+            | {"tasks": "04_packin", "parameters": {"x": {"tasks": "mode", "values": ["free"]}}}
+        )
+    with pytest.raises(InputError, match=r"no such bundled study, did you mean '04_packing'\?"):
+        sweep("04_pakcing")
 
 
 def test_messages_of_write_name_its_arguments(tmp_path: Path, found: Plan) -> None:

@@ -136,7 +136,7 @@ DEFAULT_BEST = 10
 
 
 def sweep_command(
-    study: Annotated[Path, typer.Argument(help="Study file (study/1).")],
+    study: Annotated[Path, typer.Argument(help="Study file (study/1), or the name of a bundled job with one.")],
     optimise: Annotated[
         bool,
         typer.Option(

@@ -13,6 +13,7 @@ from dataclasses import asdict, field, fields
 from pathlib import Path
 from typing import Any
 
+from dualarm_cli.files.source.bundled import bundled_tasks
 from dualarm_cli.records import dataclass
 
 
@@ -42,14 +43,16 @@ class Request:
     """Flag to include the data of the plan's page."""
 
     @classmethod
-    def of(cls, tasks: str | Path, **chosen: Any) -> Request:
+    def of(cls, tasks: str | Path, case: str | None = None, **chosen: Any) -> Request:
         """Build a request for a task file.
 
         Args:
-            tasks: the file, from the working directory.
+            tasks: the file, from the working directory, or the name of a bundled job.
+            case: its name in messages; None for its path.
             chosen: the other fields.
         """
-        return cls(case_name(tasks), os.path.abspath(tasks), **chosen)  # noqa: PTH100
+        path = tasks if os.path.lexists(tasks) else bundled_tasks().get(str(tasks), tasks)
+        return cls(case_name(case or tasks), os.path.abspath(path), **chosen)  # noqa: PTH100
 
     @property
     def folder(self) -> str:

@@ -70,7 +70,8 @@ def point_requests(study: Study, point: Point) -> list[Request]:
 
 def _request(study: Study, k: int, overrides: dict[str, Any]) -> Request:
     settings: dict[str, Any] = dict(study.settings)
-    return Request.of(study.tasks[k].path, overrides=overrides, **settings)
+    tasks = study.tasks[k]
+    return Request.of(tasks.path, tasks.name, overrides=overrides, **settings)
 
 
 def new_value(target: Target, job: int, level: Level) -> float | str | bool:

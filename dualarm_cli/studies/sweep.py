@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from os import PathLike
 from pathlib import Path
@@ -25,7 +25,7 @@ from dualarm_cli.studies.rows import StudyRow
 
 
 def sweep(
-    study: str | Path,
+    study: str | Path | Mapping[str, Any],
     *,
     budget: int | None = None,
     seed: int = 0,
@@ -36,7 +36,8 @@ def sweep(
     """Plan a cell's tasks over ranges of its parameters, as `dualarm sweep --json`.
 
     Args:
-        study: study file.
+        study: the study file, the name of a bundled job with a study such as `04_packing`, or the content of a study
+            file as a mapping, with paths relative to the working directory. Its `tasks` may be names of bundled jobs.
         budget: maximum number of points of a search for good ones; None for all points of the study.
         seed: seed of the search.
         processes: maximum number of processes; None for one per core.
@@ -48,11 +49,11 @@ def sweep(
         MissingDependencyError: a search without optuna (extra `optimise`).
         UsageError: a number that is not allowed.
     """
-    check_type("study", study, str, PathLike)
+    check_type("study", study, str, PathLike, Mapping)
     check_seed(seed)
     check_count("budget", budget)
     check_count("processes", processes)
-    loaded = load_study(Path(study))
+    loaded = load_study(study)
     check_settings(loaded)
     points, method = points_of(loaded, budget, seed)
     tell = progress or (lambda _: None)

@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 
 from dualarm_cli import UsageError, sweep
 from dualarm_cli.cli.run import run
@@ -109,6 +110,16 @@ def test_a_study_is_planned_ranked_and_written(folder, here, capsys) -> None:
     said: list[str] = []
     assert sweep("study.yaml", progress=said.append) == document
     assert said[-1] == f"6 of 6 points, best cycle time {rows[0]['cycle_time']:.3f} s"
+    # A mapping, and the bundled job that the files are copies of.
+    values = yaml.safe_load(STUDY)
+    assert sweep(values)["rows"] == rows
+    bundled = sweep(values | {"tasks": "03_bottin_planar"})
+    assert (
+        bundled["tasks"]
+        == [job["tasks"] for job in bundled["rows"][0]["jobs"]]
+        == ["03_bottin_planar"]
+    )
+    assert [row["cycle_time"] for row in bundled["rows"]] == [row["cycle_time"] for row in rows]
     for wrong in ({"budget": 0}, {"processes": 0}, {"budget": "10"}, {"processes": 1.5}):
         with pytest.raises(UsageError, match="must be an integer from 1"):
             sweep("study.yaml", **wrong)

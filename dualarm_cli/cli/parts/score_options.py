@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_job
 from dualarm_cli.cli.parts.options import read_quantity
 from dualarm_cli.errors import UsageError
 
@@ -25,7 +26,8 @@ CasesArgument = Annotated[
     list[str],
     typer.Argument(
         metavar="TASKS...",
-        help="Task files, folders of them, or patterns such as 'cells/**/tasks.yaml' (in quotes).",
+        help="Task files, bundled jobs, folders, or patterns such as 'cells/**/tasks.yaml' (in quotes).",
+        autocompletion=complete_job,
     ),
 ]
 BaselineOption = Annotated[

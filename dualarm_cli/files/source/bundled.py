@@ -15,6 +15,8 @@ ROBOT_FILE = "robot.yaml"
 """Name of the robot file in each robot's folder."""
 TASK_FILE = "tasks.yaml"
 """Name of the task file in each job's folder."""
+STUDY_FILE = "study.yaml"
+"""Name of the study file in a job's folder."""
 
 
 @cache
@@ -45,33 +47,34 @@ def bundled_robots() -> list[str]:
     return sorted(entry.name for entry in folder.iterdir() if (entry / ROBOT_FILE).is_file())
 
 
-def bundled_tasks() -> dict[str, Path]:
-    """List the bundled task files by job name, sorted."""
+def bundled_tasks(file: str = TASK_FILE) -> dict[str, Path]:
+    """List the bundled task files, or studies, by job name, sorted."""
     folder = _folder("tasks")
     if not folder.is_dir():
         return {}
-    paths = (entry / TASK_FILE for entry in sorted(folder.iterdir()))
+    paths = (entry / file for entry in sorted(folder.iterdir()))
     return {path.parent.name: path for path in paths if path.is_file()}
 
 
-def task_file(path: str | Path) -> tuple[Path, str]:
-    """Resolve a path or a bundled job's name to a task file.
+def task_file(path: str | Path, file: str = TASK_FILE) -> tuple[Path, str]:
+    """Resolve a path or a bundled job's name to a task file, or study.
 
     The second result is its name in messages.
 
     Args:
         path: a path; a bundled job's name where no file has that one.
+        file: name of the file in the job's folder.
 
     Raises:
         InputError: something that looks like a name is neither.
     """
     name = str(path)
-    jobs = bundled_tasks()
+    jobs = bundled_tasks(file)
     if name in jobs and not Path(path).is_file():
-        return jobs[name], f"tasks/{name}/{TASK_FILE}"
+        return jobs[name], f"tasks/{name}/{file}"
     if name.replace("_", "").isalnum() and not os.path.lexists(path):
-        message = (
-            f"there is no such file and no such bundled job{suggest(name, list(jobs), 'jobs')}"
-        )
+        what = "job" if file == TASK_FILE else "study"
+        hint = suggest(name, list(jobs), "jobs" if file == TASK_FILE else "studies")
+        message = f"there is no such file and no such bundled {what}{hint}"
         raise InputError([Diagnostic(name, 0, 0, "E500", message)])
     return Path(path), name

@@ -64,24 +64,25 @@ class Project:
         return cls(resolved.parent.parent)
 
     @classmethod
-    def in_memory(cls, tasks: Mapping[str, Any]) -> tuple[Project, Path]:
-        """Write a job's values as texts of unstored files in the working directory.
+    def in_memory(cls, values: Mapping[str, Any], role: str) -> tuple[Project, Path]:
+        """Write values as texts of unstored files in the working directory.
 
         Args:
-            tasks: content of a task file; `cell` may be the content of a cell file.
+            values: content of a task file, whose `cell` may be the content of a cell file, or of a study file.
+            role: name of the file: tasks or study.
 
         Returns:
-            The project, and the path of the task file in it.
+            The project, and the path of the file in it.
 
         Raises:
             InputError: values that files cannot hold.
         """
-        path = Path.cwd() / "tasks"
-        project, cell = cls.of(path), tasks.get("cell")
+        path = Path.cwd() / role
+        project, cell = cls.of(path), values.get("cell")
         if isinstance(cell, Mapping):
             project.given[path.with_name("cell")] = _json(cell, "cell")
-            tasks = {**tasks, "cell": "cell"}
-        project.given[path] = _json(tasks, "tasks")
+            values = {**values, "cell": "cell"}
+        project.given[path] = _json(values, role)
         return project, path
 
     def bundled(self) -> Project:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.robots.robots import find_robot
 from dualarm_cli.files.source.amounts import in_unit, one_unit, read_amount, scaled, shifted
+from dualarm_cli.files.source.bundled import STUDY_FILE, bundled_tasks, task_file
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.documents import read_document, validate
 from dualarm_cli.files.source.projects import (
@@ -374,36 +376,41 @@ def _text(value: Any) -> str:
     return value
 
 
-def load_study(path: str | Path) -> Study:
+def load_study(source: str | Path | Mapping[str, Any]) -> Study:
     """Read the study in a study file; its jobs are read too, unchanged.
 
     Args:
-        path: the study file.
+        source: the study file, the name of a bundled job with a study, or the content of a study file.
 
     Raises:
         InputError: everything wrong with it and the files of its jobs.
     """
-    project = Project.of(Path(path))
-    document = read_document(project, Path(path), str(path), "study/1")
+    if isinstance(source, Mapping):
+        project, path = Project.in_memory(source, "study")
+        name = path.name
+    else:
+        path, name = task_file(source, STUDY_FILE)
+        project = Project.of(path)
+    document = read_document(project, path, name, "study/1")
     findings = Findings(document.diagnostics)
     model = validate(document, StudyFile, findings)
     if model is None:
         findings.fail()
-    tasks = _tasks(project, Path(path), document, model, findings)
-    documents = [job_documents(project, job.path, job.name) for job in tasks]
+    tasks = _tasks(project, path, document, model, findings)
+    documents = [job_documents(Project.of(job.path), job.path, job.name) for job in tasks]
     readable = not findings.diagnostics
     targets, levels = (
         StudyTargetReader(document, documents, findings),
         LevelReader(document, findings),
     )
     parameters = []
-    for name, section in model.parameters.items():
-        loc: Loc = ("parameters", name)
+    for parameter, section in model.parameters.items():
+        loc: Loc = ("parameters", parameter)
         values, span = levels.read(section, loc)
         # Paths into a job that cannot be read are not reported.
-        parameter_targets = targets.read(section, loc, name, (values, span)) if readable else ()
+        varied = targets.read(section, loc, parameter, (values, span)) if readable else ()
         place = Place(document.source.name, *document.place(loc, key=True))
-        parameters.append(Parameter(name, parameter_targets, values, span, place))
+        parameters.append(Parameter(parameter, varied, values, span, place))
     _check_sampling(document, model, parameters, findings)
     _check_objectives(document, model, findings)
     findings.raise_if_any()
@@ -415,7 +422,7 @@ def load_study(path: str | Path) -> Study:
     }
     sample = model.sample
     return Study(
-        str(path),
+        name,
         tuple(tasks),
         tuple(parameters),
         tuple(OBJECTIVES[name] for name in model.objectives),
@@ -431,18 +438,22 @@ def _tasks(
 ) -> list[StudyTasks]:
     """Read the usable task files, after noting errors of the others."""
     jobs: dict[Path, StudyTasks] = {}
+    jobs_by_name = bundled_tasks()
     listed = isinstance(document.data["tasks"], list)
     for k, reference in enumerate(model.tasks):
         loc: Loc = ("tasks", k) if listed else ("tasks",)
         with noted(findings, document, loc):
-            tasks = project.follow(reference, path)
-            name = display_name(reference, document.source.name)
+            if reference in jobs_by_name and not (path.parent / reference).is_file():
+                tasks, name = jobs_by_name[reference], reference
+            else:
+                tasks = project.follow(reference, path)
+                name = display_name(reference, document.source.name)
             if tasks.resolve() in jobs:
                 findings.add(document, loc, f"{quote(reference)} is named twice", "E102")
                 continue
             job = load_job(tasks, name)
             project.inputs.update(job.inputs)
-            jobs[tasks.resolve()] = StudyTasks(Path(name), name)
+            jobs[tasks.resolve()] = StudyTasks(tasks, name)
     return list(jobs.values())
 
 

@@ -148,7 +148,7 @@ def _project_of(
     source: str | Path | Mapping[str, Any], name: str | None
 ) -> tuple[Project, Path, str]:
     if isinstance(source, Mapping):
-        project, path = Project.in_memory(source)
+        project, path = Project.in_memory(source, "tasks")
         return project, path, path.name
     path, called = task_file(source)
     return Project.of(path), path, name or called
