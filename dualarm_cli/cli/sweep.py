@@ -136,7 +136,9 @@ DEFAULT_BEST = 10
 
 
 def sweep_command(
-    study: Annotated[Path, typer.Argument(help="Study file (study/1), or the name of a bundled job with one.")],
+    study: Annotated[
+        Path, typer.Argument(help="Study file (study/1), or the name of a bundled job with one.")
+    ],
     optimise: Annotated[
         bool,
         typer.Option(
