@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from dualarm_cli.cli.run import run
 from dualarm_cli.collision.solids import geometry_model, link_solids, pairs_that_must_keep_apart
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.files.robots.robot_pair import compose_pair
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.robot_import.importing import ImportRequest
@@ -137,3 +139,70 @@ def test_the_imported_cell_plans(urdfs: Path) -> None:
     (urdfs / "mine/tasks.yaml").write_text(tasks)
     assert run(["plan", "mine/tasks.yaml", "--effort", "quick", "--out", "plan", "--quiet"]) == 0
     assert json.loads((urdfs / "plan/report.json").read_text())["verification"]["passed"]
+
+
+def _write_prefixed(folder: Path, prefixes: dict[str, str]) -> str:
+    """Writes left.urdf and right.urdf with prefixed names; returns the URDF without."""
+    text = (folder / "iiwa7.urdf").read_text()
+    for side, prefix in prefixes.items():
+        pattern = r'((?:<link|<joint) name|(?:<parent|<child) link)="'
+        (folder / f"{side}.urdf").write_text(re.sub(pattern, rf'\1="{prefix}', text))
+    return text
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "kept", "flanges"),
+    [
+        ("left_", "right_", True, ["left_flange", "right_flange"]),
+        ("a_", "b_", True, ["left_a_flange", "right_b_flange"]),
+        ("a_", "a_", False, ["left_a_flange", "right_a_flange"]),
+    ],
+)
+def test_controllers_names_of_joints_stay_where_the_robots_share_none(
+    left: str, right: str, kept: bool, flanges: list[str], urdfs: Path
+) -> None:
+    """A robot whose URDF has prefixes of its own, `tf_prefix` of ur_description, gets no second one."""
+    prefixes = {"left": left, "right": right}
+    text = _write_prefixed(urdfs, prefixes)
+    stems = prefixes.values() if kept else [f"{side}_{prefix}" for side, prefix in prefixes.items()]
+    expected = [f"{stem}joint_{k}" for stem in stems for k in range(1, 8)]
+    assert run(["robot", "import", "--left=left.urdf", "--right=right.urdf", "--out=mine"]) == 0
+    robot = load_cell(urdfs / "mine/cell.yaml").cell.robot
+    assert list(robot.joints) == expected
+    assert [joint for arm in robot.arms for joint in arm.joints] == expected
+    assert [arm.flange for arm in robot.arms] == flanges
+    # The pair is the two robots: each flange is where its URDF has it, from its base.
+    model, alone = pin.buildModelFromXML(robot.urdf), pin.buildModelFromXML(text)
+    q = pin.randomConfiguration(alone, np.full(7, -1.0), np.full(7, 1.0))
+    both = np.empty(14)
+    for k, joint in enumerate(expected):
+        both[model.idx_qs[model.getJointId(joint)]] = q[k % 7]
+    data, data_alone = model.createData(), alone.createData()
+    pin.framesForwardKinematics(model, data, both)
+    pin.framesForwardKinematics(alone, data_alone, q)
+    for side, flange in zip(("left", "right"), flanges, strict=True):
+        base = data.oMf[model.getFrameId(f"world_to_{side}")]
+        T_base_flange = base.inverse() * data.oMf[model.getFrameId(flange)]
+        assert T_base_flange.isApprox(data_alone.oMf[alone.getFrameId("flange")], 1e-12)
+
+
+def test_links_of_earlier_versions_with_two_prefixes_are_still_read(urdfs: Path) -> None:
+    _write_prefixed(urdfs, {"left": "left_", "right": "right_"})
+    assert run(["robot", "import", "--left=left.urdf", "--right=right.urdf", "--out=mine"]) == 0
+    cell = urdfs / "mine/cell.yaml"
+    cell.write_text(cell.read_text() + "allowed_contacts: [[left_left_link_7, right_link_7]]\n")
+    assert load_cell(cell).cell.allowed_contacts == (("left_link_7", "right_link_7"),)
+
+
+def test_names_that_one_prefix_leaves_ambiguous_get_two() -> None:
+    """The left robot has both `tip` and `left_tip`: a link of each name is in the pair."""
+    text = load_robot("iiwa7").robot.urdf
+    more = "".join(
+        f'<link name="{name}"/><joint name="to_{name}" type="fixed"><parent link="flange"/>'
+        f'<child link="{name}"/></joint>'
+        for name in ("tip", "left_tip")
+    )
+    robot = replace(load_robot("iiwa7").robot, urdf=text.replace("</robot>", f"{more}</robot>"))
+    pair = compose_pair(robot, pin.SE3.Identity(), robot, pin.SE3.Identity())
+    links = {frame.name for frame in pin.buildModelFromXML(pair.urdf).frames}
+    assert {"left_tip", "left_left_tip", "right_tip", "right_left_tip"} <= links

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.files.robots.urdf import read_urdf
-from dualarm_cli.files.robots.urdf_writer import write_pair
+from dualarm_cli.files.robots.urdf_writer import PairMember, write_pair
 from dualarm_cli.files.source.text_source import TextSource
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
+
+_TAKEN = ("world", "world_to_left", "world_to_right", "left_tool", "right_tool")
+"""Names of links, joints and bodies that every pair has."""
 
 
 def why_not_a_pair_member(robot: Robot) -> str | None:
@@ -26,9 +30,11 @@ def why_not_a_pair_member(robot: Robot) -> str | None:
 
 
 def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.SE3) -> Robot:
-    """Compose one robot with arms left and right, names prefixed by `left_` or `right_`.
+    """Compose one robot with arms left and right, its names unique.
 
-    A posture that only one robot has leaves the other at home.
+    Moving joints keep their names if the two robots share none, as controllers of both expect. All other names get
+    their side's prefix, `left_` or `right_`, unless they have it. A posture that only one robot has leaves the other
+    at home.
 
     Args:
         left: robot of one arm that becomes the left one.
@@ -37,16 +43,20 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
         right_base: pose of its root link in the cell.
     """
     robots = {"left": left, "right": right}
-    bases = {"left": left_base, "right": right_base}
-    members = {}
-    for side, robot in robots.items():
-        urdf = read_urdf(TextSource(robot.name, robot.urdf, ""))
-        members[side] = (urdf.root, urdf.root_link, bases[side])
+    urdfs = {side: read_urdf(TextSource(r.name, r.urdf, "")) for side, r in robots.items()}
+    distinct = set(left.joints).isdisjoint(right.joints)
+    kept = {*left.joints, *right.joints} if distinct else set[str]()
+    links = _unique({side: urdf.links for side, urdf in urdfs.items()})
+    joints = _unique({side: urdf.joints for side, urdf in urdfs.items()}, kept)
+    members = {
+        side: PairMember(urdf, base, links[side], joints[side])
+        for (side, urdf), base in zip(urdfs.items(), (left_base, right_base), strict=True)
+    }
     arms = tuple(
         Arm(
             side,
-            tuple(f"{side}_{j}" for j in r.arms[0].joints),
-            f"{side}_{r.arms[0].flange}",
+            tuple(joints[side][joint] for joint in r.arms[0].joints),
+            links[side][r.arms[0].flange],
             r.arms[0].kind,
             r.arms[0].place,
         )
@@ -58,32 +68,61 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
     }
     title = f"{left.name} and {right.name}"
     contacts = tuple(
-        (f"{side}_{link_a}", f"{side}_{link_b}")
+        (links[side][link_a], links[side][link_b])
         for side, robot in robots.items()
         for link_a, link_b in robot.allowed_contacts
     )
     meshes = {
-        f"{side}_{link}": shapes
+        links[side][link]: shapes
         for side, robot in robots.items()
         for link, shapes in robot.meshes.items()
     }
     visuals = tuple(
-        replace(mesh, link=f"{side}_{mesh.link}")
+        replace(mesh, link=links[side][mesh.link])
         for side, robot in robots.items()
         for mesh in robot.visuals
     )
-    limits = _joined_limits(robots)
+    limits = _joined_limits(robots, joints)
     return Robot(title, write_pair(members), (), arms, limits, postures, contacts, meshes, visuals)
+
+
+def _unique(
+    names: Mapping[str, Collection[str]], kept: Collection[str] = ()
+) -> dict[str, dict[str, str]]:
+    """Map the names of both robots to unique ones.
+
+    Every name gets a prefix if fewer prefixes are ambiguous, for example if a robot has both `tip` and `left_tip`.
+
+    Args:
+        names: names of links or joints.
+        kept: names that need no prefix.
+    """
+    for exempt in (True, False):
+        unique = {
+            side: {
+                name: name
+                if exempt and (name in kept or name.startswith(f"{side}_"))
+                else f"{side}_{name}"
+                for name in members
+            }
+            for side, members in names.items()
+        }
+        values = [*_TAKEN, *unique["left"].values(), *unique["right"].values()]
+        if len(set(values)) == len(values):
+            break
+    return unique
 
 
 def _posture(robot: Robot, name: str) -> FloatArray:
     return robot.postures.get(name, robot.postures["home"])
 
 
-def _joined_limits(robots: dict[str, Robot]) -> JointLimits:
+def _joined_limits(
+    robots: Mapping[str, Robot], joints: Mapping[str, Mapping[str, str]]
+) -> JointLimits:
     parts = [robot.limits for robot in robots.values()]
     return JointLimits(
-        tuple(f"{side}_{joint}" for side, robot in robots.items() for joint in robot.joints),
+        tuple(joints[side][name] for side, robot in robots.items() for name in robot.joints),
         np.concatenate([p.lower for p in parts]),
         np.concatenate([p.upper for p in parts]),
         np.concatenate([p.velocity for p in parts]),

@@ -11,6 +11,7 @@ import pinocchio as pin
 from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.records import dataclass
 
 ESCAPES = str.maketrans(
     {
@@ -49,24 +50,37 @@ def write_urdf(urdf: Urdf, joints: list[UrdfJoint], frozen: Mapping[str, float])
     return urdf_text(urdf.root.name or "robot", parts)
 
 
-def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
-    """Write one URDF with two robots on a `world` link, names prefixed.
+@dataclass(frozen=True)
+class PairMember:
+    """Robot of a pair, with its names in the pair."""
+
+    urdf: Urdf
+    """Clean URDF."""
+    base: pin.SE3
+    """Pose of its root link in the cell."""
+    links: Mapping[str, str]
+    """Names of its links in the pair, by their names in the URDF."""
+    joints: Mapping[str, str]
+    """Names of its joints in the pair, by their names in the URDF."""
+
+
+def write_pair(members: Mapping[str, PairMember]) -> str:
+    """Write one URDF with two robots on a `world` link.
 
     Args:
-        members: for each arm name the root element of its clean URDF, its root link, and the
-            pose of that link in the cell.
+        members: robots by arm name.
     """
     parts = [Element("link", {"name": "world"})]
-    for prefix, (root, root_link, base) in members.items():
-        parts += [_prefixed(element, f"{prefix}_") for element in root.children]
-        joint = Element("joint", {"name": f"world_to_{prefix}", "type": "fixed"})
+    for side, member in members.items():
+        parts += [_renamed(element, member) for element in member.urdf.root.children]
+        joint = Element("joint", {"name": f"world_to_{side}", "type": "fixed"})
         joint.children = [
-            Element("origin", origin_words(base)),
+            Element("origin", origin_words(member.base)),
             Element("parent", {"link": "world"}),
-            Element("child", {"link": f"{prefix}_{root_link}"}),
+            Element("child", {"link": member.links[member.urdf.root_link]}),
         ]
         parts.append(joint)
-    return urdf_text("_and_".join(root.name for root, _, _ in members.values()), parts)
+    return urdf_text("_and_".join(member.urdf.root.name for member in members.values()), parts)
 
 
 def _clean_link(link: Element) -> Element:
@@ -161,13 +175,14 @@ def origin_words(pose: pin.SE3) -> dict[str, str]:
     return {key: " ".join(repr(float(v) + 0.0) for v in values) for key, values in parts}
 
 
-def _prefixed(element: Element, prefix: str) -> Element:
-    """Prefix the names of a link or joint and of its references."""
-    attributes = dict(element.attributes)
-    if element.tag in ("link", "joint"):
-        attributes["name"] = prefix + attributes["name"]
+def _renamed(element: Element, member: PairMember) -> Element:
+    """Rename a link or joint and its references."""
+    names = {"link": member.links, "joint": member.joints}.get(element.tag, {})
+    attributes = {
+        k: names[v] if names and k == "name" else v for k, v in element.attributes.items()
+    }
     children = [
-        Element(c.tag, {"link": prefix + c.get("link")}) if c.tag in ("parent", "child") else c
+        Element(c.tag, {"link": member.links[c.get("link")]}) if c.tag in ("parent", "child") else c
         for c in element.children
     ]
     return Element(element.tag, attributes, children=children)

@@ -35,7 +35,8 @@ def checked_pairs(
         kinds: bodies that may exist several times: parts.
     """
     checked: list[tuple[str, str]] = []
-    for place, (body_a, body_b) in pairs.items():
+    for place, names in pairs.items():
+        body_a, body_b = (_once_prefixed(name, bodies) for name in names)
         for n, name in enumerate((body_a, body_b)):
             if name not in bodies:
                 message = f"there is no body {quote(name)}{suggest(name, bodies, 'bodies')}"
@@ -46,3 +47,10 @@ def checked_pairs(
             findings.add(document, place, f"{quote(body_a)} and {quote(body_b)} are paired twice")
         checked.append((body_a, body_b))
     return tuple(checked)
+
+
+def _once_prefixed(name: str, bodies: list[str]) -> str:
+    """Drop a doubled `left_` or `right_`, which earlier versions gave links of pairs."""
+    side, _, rest = name.partition("_")
+    doubled = name not in bodies and rest in bodies and rest.startswith(f"{side}_")
+    return rest if doubled and side in ("left", "right") else name
