@@ -52,7 +52,7 @@ def bodies(job: Job) -> dict[str, Any]:
         waiting = sum(part.stop.action == "pick" for part in lying)
         text += f", parts where they wait ({waiting}) and lie ({len(lying) - waiting})"
     without = [listed(missing)] if missing else []
-    without += [f"the parts of {listed(parts)} (no `part`)"] if parts else []
+    without += [f"the parts of {listed(parts)} (no `part` in their tasks)"] if parts else []
     if without:
         text += f"; without shapes, so not checked for collisions: {', '.join(without)}"
     loose = [

@@ -76,6 +76,11 @@ async function look(browser) {
   seen.higherBy = (await height()) - before;
   await open();
   seen.stillHigherBy = (await height()) - before;
+  seen.curvesShown = [];
+  for (const size of [[390, 844], [1280, 800]]) {
+    await tab.setViewportSize({ width: size[0], height: size[1] });
+    seen.curvesShown.push(await tab.evaluate(() => !document.querySelector("#page").classList.contains("no-curves")));
+  }
 
   seen.linkedTime = await opened(browser, "#t=0.25");
   seen.playedAlone = await opened(browser, "");

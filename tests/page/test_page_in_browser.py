@@ -113,6 +113,7 @@ def test_the_page_shows_the_plan(
         assert layout["scrolled"] <= 0
         assert layout["playBarEnds"] <= 0
     assert seen["higherBy"] == seen["stillHigherBy"] == 16.0
+    assert seen["curvesShown"] == [False, True]
     assert seen["linkedTime"] == 0.25
     assert seen["playedAlone"] > 0.2
     for state in seen["states"]:

@@ -31,7 +31,7 @@ def test_bodies_with_and_without_shapes_are_told(tasks_folder):
     assert sorted(changed["without_part"]) == ["plate-1", "plate-2", *screws]
     assert changed["text"].endswith(
         "without shapes, so not checked for collisions: the parts of "
-        f"{', '.join(changed['without_part'])} (no `part`); no bodies: "
+        f"{', '.join(changed['without_part'])} (no `part` in their tasks); no bodies: "
         "the left arm's tools at their stands"
     )
 

@@ -4,7 +4,7 @@ import uPlot from "uplot";
 import { clearanceAt, clearanceColour } from "./clearance.js";
 import { DASHES, colour } from "./colours.js";
 import { armsOf } from "./data.js";
-import { GUTTER, MARGIN, SMALL } from "./gantt.js";
+import { GUTTER, MARGIN, SMALL, scaled } from "./gantt.js";
 import { toolState } from "./tools.js";
 import { sampleCurves } from "./trajectory.js";
 import { jointUnit, rulerTimes } from "./units.js";
@@ -14,7 +14,7 @@ import { jointUnit, rulerTimes } from "./units.js";
 /** @typedef {import("./trajectory.js").Quantity} Quantity */
 
 /** Width of an axis label [px]. */
-const LABEL = 20;
+const LABEL = scaled(20);
 
 /**
  * Return the limits of a joint's quantity in SI units.
@@ -97,7 +97,7 @@ function makePlot({ name, title, timeWindow, size, series, limits, data, fromZer
           grid,
           ticks: { show: false },
           values: () => [],
-          splits: (u) => rulerTimes(timeWindow.from, timeWindow.to, u.width / 80).times,
+          splits: (u) => rulerTimes(timeWindow.from, timeWindow.to, u.width / scaled(80)).times,
         },
         {
           size: GUTTER - LABEL,
@@ -107,7 +107,7 @@ function makePlot({ name, title, timeWindow, size, series, limits, data, fromZer
           label: title,
           labelSize: LABEL,
           labelFont: SMALL,
-          space: 16,
+          space: scaled(16),
           gap: 6,
         },
       ],
@@ -116,7 +116,7 @@ function makePlot({ name, title, timeWindow, size, series, limits, data, fromZer
         ...series.map(({ colour: stroke, dash }) => ({
           stroke,
           dash,
-          width: 1.5,
+          width: scaled(15) / 10,
           points: { show: false },
         })),
       ],

@@ -18,6 +18,9 @@ export function element(tag, properties = {}, ...children) {
   return node;
 }
 
+/** Split a text into plain spans and, where backticks mark them, code elements. @param {string} text @returns {(Node | string)[]} */
+export const withCode = (text) => text.split(/`([^`]+)`/).map((span, i) => (i % 2 ? element("code", {}, span) : span));
+
 /**
  * Create a button.
  * @param {string} text
@@ -83,7 +86,7 @@ function cellClass(cell, numeric) {
  */
 
 /**
- * Create a table whose rows set the time cursor.
+ * Create a table whose rows set the time cursor, in a box that scrolls sideways.
  * @param {string[]} heads those that end in ` #` mark columns of numbers
  * @param {Row[]} rows
  * @param {(time: number) => void} go
@@ -99,7 +102,7 @@ export function table(heads, rows, go) {
     const tr = element(
       "tr",
       { class: [row.mark, isLink ? "leads" : ""].filter(Boolean).join(" ") || null },
-      ...row.cells.map((cell, i) => element("td", { class: cellClass(cell, numeric[i]) }, cell)),
+      ...row.cells.map((cell, i) => element("td", { class: cellClass(cell, numeric[i]) }, ...(typeof cell === "string" ? withCode(cell) : [cell]))),
     );
     if (isLink) {
       tr.tabIndex = 0;
@@ -110,10 +113,6 @@ export function table(heads, rows, go) {
     }
     return tr;
   });
-  return element(
-    "table",
-    {},
-    element("thead", {}, element("tr", {}, ...head)),
-    element("tbody", {}, ...body),
-  );
+  const rowGroups = [element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...body)];
+  return element("div", { class: "scroll" }, element("table", {}, ...rowGroups));
 }

@@ -9,12 +9,12 @@ import { actionOn, rulerTimes } from "./units.js";
 /** @typedef {import("./gantt_layout.js").GanttRow} GanttRow */
 /** @typedef {import("./gantt_layout.js").Bar} Bar */
 
-/** Scale of all sizes, larger on very wide screens; the style sheet has the same threshold. */
-const SCALE = globalThis.innerWidth >= 2400 ? 1.4 : 1;
-const scaled = (/** @type {number} */ size) => Math.round(size * SCALE);
+/** Scale of all sizes: that of the style sheet when the page opens. */
+const SCALE = globalThis.document ? parseFloat(getComputedStyle(document.documentElement).fontSize) / 10 : 1;
+export const scaled = (/** @type {number} */ size) => Math.round(size * SCALE);
 
 export const GUTTER = scaled(92);
-export const MARGIN = 14;
+export const MARGIN = scaled(14);
 export const FONT = `${scaled(11)}px system-ui, sans-serif`;
 export const SMALL = `${scaled(10)}px system-ui, sans-serif`;
 
@@ -147,7 +147,7 @@ export class Gantt {
   /** @param {CanvasRenderingContext2D} g */
   drawRuler(g) {
     const { from, to } = this.timeWindow;
-    const { times, decimals } = rulerTimes(from, to, this.width / 80);
+    const { times, decimals } = rulerTimes(from, to, this.width / scaled(80));
     g.font = SMALL;
     g.textAlign = "center";
     for (const time of times) {
@@ -339,10 +339,10 @@ export const LEGEND = [
  */
 export function drawLegendEntry(canvas, bar) {
   const ratio = window.devicePixelRatio || 1;
-  canvas.width = Math.round(18 * ratio);
-  canvas.height = Math.round(12 * ratio);
+  canvas.width = Math.round(scaled(18) * ratio);
+  canvas.height = Math.round(scaled(12) * ratio);
   const g = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { willReadFrequently: true }));
-  g.setTransform(ratio, 0, 0, ratio * (12 / BARS), 0, 0);
+  g.setTransform(ratio, 0, 0, ratio * (scaled(12) / BARS), 0, 0);
   g.font = SMALL;
-  drawBar(g, { ...bar, start: 0, end: 0, label: "wait", text: "" }, 0, 18, 0);
+  drawBar(g, { ...bar, start: 0, end: 0, label: "wait", text: "" }, 0, scaled(18), 0);
 }

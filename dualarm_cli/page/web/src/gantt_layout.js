@@ -2,7 +2,7 @@
 
 import { armsOf } from "./data.js";
 import { movingIntervals } from "./trajectory.js";
-import { actionOn, fixed, word } from "./units.js";
+import { actionOn, fixed, waitText, word } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 /** @typedef {import("./types.js").Segment} Segment */
@@ -30,7 +30,7 @@ const FAMILIES = /** @type {Object<string, string>} */ ({
 });
 
 /** Kinds of segments that name their action. */
-export const ALONG = ["path", "seam"];
+const ALONG = ["path", "seam"];
 
 /**
  * Return the family of a segment or an event, which selects its colour.
@@ -44,20 +44,27 @@ export function familyOf(action, kind = "") {
 }
 
 /**
- * Describe a segment in full.
+ * Describe what an arm does in a segment.
+ * @param {Plan} plan
  * @param {Segment} segment
- * @param {string} [waitsFor] arm and task that end a wait
- * @param {string} [signal] set at its start
  */
-export function segmentText(segment, waitsFor = "", signal = "") {
-  const length = `${fixed(segment.start, 3)}–${fixed(segment.end, 3)} s (${fixed(segment.end - segment.start, 3)} s)`;
-  const parts = [word(segment.kind)];
-  if (segment.kind === "wait") parts[0] = `wait (${word(segment.reason ?? "")})`;
-  else if (ALONG.includes(segment.kind)) parts[0] = actionOn(segment.kind, segment.task);
-  else if (segment.task) parts.push(actionOn(segment.action, segment.task));
-  if (waitsFor) parts.push(`for ${waitsFor}`);
-  if (signal) parts.push(`→ ${signal}`);
-  return `${segment.arm}: ${parts.join(", ")}, ${length}`;
+export function workText(plan, segment) {
+  const { arm, kind, task, action, reason = "" } = segment;
+  if (kind === "wait") return waitText(reason, waitsFor(plan, segment));
+  if (kind === "seam") {
+    const isMaster = plan.report.seams?.some((/** @type {any} */ row) => row.task === task && row.master === arm);
+    return `${isMaster ? "holds the part of" : "follows"} ${task === "seam" ? "the seam" : actionOn("seam", task)}`;
+  }
+  if (kind === "path") return `follows ${task === "path" ? "the path" : actionOn("path", task)}`;
+  if (!task) return word(kind);
+  const signal = signalOf(plan, segment);
+  return `${actionOn(action, task)}: ${word(kind)}${signal && ` → ${signal}`}`;
+}
+
+/** Describe a segment with its arm and times. @param {Plan} plan @param {Segment} segment */
+export function segmentText(plan, segment) {
+  const { arm, start, end } = segment;
+  return `${arm}: ${workText(plan, segment)}, ${fixed(start, 3)}–${fixed(end, 3)} s (${fixed(end - start, 3)} s)`;
 }
 
 /**
@@ -76,7 +83,7 @@ export function ganttRows(plan) {
       kind: segment.kind,
       family: segment.kind === "wait" ? "" : familyOf(segment.action, segment.kind),
       label: segment.kind === "wait" ? word(segment.reason ?? "wait") : "",
-      text: segmentText(segment, waitsFor(plan, segment), signalOf(plan, segment)),
+      text: segmentText(plan, segment),
     }));
     return { name: arm, arm, bars, visits: visits(segments) };
   });
@@ -103,7 +110,7 @@ export function ganttRows(plan) {
  * @param {Plan} plan
  * @param {Segment} segment
  */
-export function waitsFor(plan, segment) {
+function waitsFor(plan, segment) {
   if (segment.kind !== "wait") return "";
   const wait = (plan.report.waits ?? []).find(
     (/** @type {any} */ w) => w.arm === segment.arm && Math.abs(w.start - segment.start) < 1e-6,
@@ -117,7 +124,7 @@ export function waitsFor(plan, segment) {
  * @param {Plan} plan
  * @param {Segment} segment
  */
-export function signalOf(plan, { kind, arm, task, action }) {
+function signalOf(plan, { kind, arm, task, action }) {
   if (kind !== "dwell") return "";
   const dwellEvent = plan.events.find((event) => event.arm === arm && event.task === task && event.action === action);
   return dwellEvent?.signal ?? "";

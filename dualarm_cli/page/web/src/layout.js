@@ -2,8 +2,9 @@
 
 import { element } from "./dom.js";
 
-/** Key of the reader's choices in the browser's storage. */
-const STORED = "dualarm.layout";
+/** Size classes of windows, each with its own choices in the browser's storage. */
+export const PHONE = "(max-width: 700px), (max-height: 480px)";
+const CLASSES = { phone: PHONE, large: "(min-width: 1500px) and (min-height: 900px)" };
 /** Least heights of the timeline and of all above it [px], and steps of the arrow keys. */
 const MIN_TIMELINE = 120;
 const MIN_UPPER = 240;
@@ -14,17 +15,20 @@ const ROOM = { curves: "(min-height: 900px) and (min-width: 701px)", report: "(m
 
 /** @typedef {{height?: number, curves?: boolean, report?: boolean}} Choices */
 
+/** Return the storage key of the window's size class. */
+const key = () => `dualarm.layout.${Object.entries(CLASSES).find(([, query]) => matchMedia(query).matches)?.[0] ?? "medium"}`;
+
 /** @returns {Choices} what was chosen before; nothing where the browser keeps nothing for files */
 function stored() {
   try {
-    const choices = JSON.parse(localStorage.getItem(STORED) ?? "{}");
+    const choices = JSON.parse(localStorage.getItem(key()) ?? "{}");
     return typeof choices === "object" && choices !== null ? choices : {};
   } catch {
     return {};
   }
 }
 
-/** Sizes of the page's parts, remembered in this browser. */
+/** Sizes of the page's parts, remembered in this browser for each size class of windows. */
 export class Layout {
   /**
    * @param {HTMLElement} root
@@ -33,7 +37,8 @@ export class Layout {
   constructor(root, timeline) {
     this.root = root;
     this.timeline = timeline;
-    this.choices = stored();
+    /** @type {Choices} */
+    this.choices = {};
     this.splitter = element("div", {
       class: "splitter", role: "separator", tabindex: 0, "aria-orientation": "horizontal", "aria-label": "Height of the timeline",
       title: "Drag, or use the arrow keys, to resize the timeline",
@@ -43,11 +48,11 @@ export class Layout {
 
   /** Apply the remembered choices, or those that fit the window. */
   apply() {
+    this.choices = stored();
     for (const part of /** @type {const} */ (["curves", "report"])) {
       this.fold(part, this.choices[part] ?? matchMedia(ROOM[part]).matches);
     }
-    if (typeof this.choices.height === "number") this.setHeight(this.choices.height);
-    else this.announce();
+    this.setHeight(typeof this.choices.height === "number" ? this.choices.height : undefined);
   }
 
   /**
@@ -80,7 +85,7 @@ export class Layout {
   remember(choices) {
     this.choices = { ...this.choices, ...choices };
     try {
-      localStorage.setItem(STORED, JSON.stringify(this.choices));
+      localStorage.setItem(key(), JSON.stringify(this.choices));
     } catch {
       // A browser that stores nothing for this page starts as at first.
     }
@@ -114,6 +119,7 @@ export class Layout {
 
   listen() {
     const { splitter } = this;
+    for (const query of Object.values(CLASSES)) matchMedia(query).addEventListener("change", () => this.apply());
     splitter.addEventListener("pointerdown", (/** @type {PointerEvent} */ event) => {
       splitter.setPointerCapture(event.pointerId);
       const move = (/** @type {PointerEvent} */ e) => this.setHeight(window.innerHeight - e.clientY);

@@ -55,6 +55,11 @@ export class Machine {
     return mesh;
   }
 
+  /** Colours of the links and tools. */
+  get colours() {
+    return ["base", "flange", "tool-solid", ...Object.keys(this.plan.tcps).flatMap((arm) => [`${arm}-link`, `${arm}-arm`])];
+  }
+
   /** Name a link with the joint that moves it. @param {Solid} solid */
   nameOf({ name = "", body = WORLD }) {
     const { joints, bodies } = this.plan;

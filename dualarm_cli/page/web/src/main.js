@@ -39,7 +39,7 @@ function start(root) {
   const stage = element("div", { class: "stage" });
   const nearest = element("div", { class: "nearest" }, ...plan.clearances.map((clearance) => element("div", { class: clearanceColour(clearance) })));
   const viewBar = element("div", { class: "view-bar" });
-  const drawn = element("small", { class: "drawn" }, "Robot, grippers, trays and stands are drawings; ‘checked’ shows the shapes that collisions are checked with.");
+  const drawn = element("small", { class: "drawn" }, "Drawings", element("span", {}, ": robot, grippers, trays, stands"), "; ‘checked’ shows the collision shapes");
   const viewer = element("section", { class: "viewer", "aria-label": "3-D view" }, stage, transport.status, nearest, drawn, viewBar);
 
   const theme = themes(() => {
@@ -136,7 +136,7 @@ function viewButtons(scene, savePicture) {
     toggle("frames", "Frames of the tools", false, (on) => scene.show("frames", on)),
     toggle("closest", "Closest pairs", true, (on) => scene.show("pair", on)),
     toggle("skeleton", "Joints and links as a skeleton", false, (on) => scene.show("skeleton", on)),
-    toggle("checked", "The shapes that collisions are checked with, in place of the drawings", false, (on) => scene.show("checked", on)),
+    toggle("checked", "Collision shapes in place of the drawings", false, (on) => scene.show("checked", on)),
     button("picture", "Save this view as a picture (PNG)", savePicture),
   ];
 }

@@ -1,7 +1,7 @@
 // Panels of the report: overview with cycle time and bound, stages, waits, joints, checks, notes.
 
 import { jointLabel } from "./labels.js";
-import { element, table } from "./dom.js";
+import { element, table, withCode } from "./dom.js";
 import { actionOn, fixed, millimetres, percent, seconds, significant, word } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
@@ -18,7 +18,7 @@ const MIN_SHOWN = 5e-4;
 const block = (title, ...children) => element("section", { class: "block" }, element("h3", {}, title), ...children);
 
 /** Create a paragraph. @param {string} text */
-const paragraph = (text) => element("p", {}, text);
+const paragraph = (text) => element("p", {}, ...withCode(text));
 
 /** Create a key figure. @param {string} value @param {string} label @param {string} [title] */
 const figure = (value, label, title = "") =>
@@ -50,15 +50,18 @@ export function overview(plan, go) {
     figures.push(figure(seconds(report.lower_bound), "lower bound: no plan of these stages is faster", "Proven; see the notes for what it assumes"));
   }
   const closest = report.smallest_clearance;
-  if (closest) figures.push(figure(millimetres(closest.clearance), `least clearance (${millimetres(closest.required)} required)`));
+  if (closest) {
+    const label = `least clearance: ${closest.bodies.join(" – ")}${areNear(plan, closest.bodies) ? ", neighbouring links" : ""} (${millimetres(closest.required)} required)`;
+    figures.push(figure(millimetres(closest.clearance), label));
+  }
   const remarks = report.collisions ? [sentence(`Collisions: ${report.collisions}`, closest?.time, go)] : [];
-  if (report.skew) remarks.push(paragraph(`Skew: ${report.skew}`));
+  if (report.skew) remarks.push(paragraph(`Late start: ${report.skew}`));
   const cost = report.clearance_cost;
   if (cost > MIN_SHOWN) {
     remarks.push(paragraph(`Clearance costs ${seconds(cost)} compared with the plan without collision checking.`));
   }
   const { text, mark } = verdict(report);
-  if (mark === "warn") remarks.unshift(element("p", { class: mark }, `Plan ${text}.`));
+  if (mark === "warn") remarks.unshift(element("p", { class: mark }, ...withCode(`Plan ${text}.`)));
   if (report.bodies) remarks.push(paragraph(report.bodies.text.replace("b", "B")));
   const saved = savings(report).map(paragraph);
   return [
@@ -103,6 +106,12 @@ export function savings(report) {
     sentences.push(`Blending saves ${seconds(blending.gain)} (${percent(blending.share)}) compared with stops at the outer ends of lines.`);
   }
   return sentences;
+}
+
+/** Whether two bodies are links with few joints in between. @param {Plan} plan @param {[string, string]} bodies */
+function areNear({ clearances }, bodies) {
+  const near = clearances.find(({ name }) => name === "near links");
+  return near?.pairs.some((pair) => bodies.every((body) => pair.includes(body))) ?? false;
 }
 
 /** Create a paragraph that leads to a time. @param {string} text @param {number | undefined} time @param {Go} go */
@@ -301,7 +310,7 @@ export function notes(plan, go) {
     blocks.push(block("Without a jerk limit", paragraph(report.without_jerk_limit.join(", "))));
   }
   if (report.notes?.length) {
-    blocks.push(block("Notes", element("ul", {}, ...report.notes.map((/** @type {string} */ note) => element("li", {}, note)))));
+    blocks.push(block("Notes", element("ul", {}, ...report.notes.map((/** @type {string} */ note) => element("li", {}, ...withCode(note))))));
   }
   for (const kind of ["paths", "seams", "conveyors"]) {
     for (const row of report[kind] ?? []) {

@@ -11,6 +11,7 @@ import { Materials, meshOf, place } from "./shapes.js";
 import { WORLD, compose, forwardKinematics } from "./poses.js";
 import { positionsAt } from "./trajectory.js";
 import { armsOf } from "./data.js";
+import { PHONE } from "./layout.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 /** @typedef {import("./types.js").Pose} Pose */
@@ -24,14 +25,25 @@ const FIRST_RATIO = 1;
 /** Length of the axes of a frame, as a fraction of the size of the cell. */
 const AXIS = 0.06;
 /** Diagonal above which solids are ignored by `fit` [m]. */
-const LARGE = 3;
+const LARGE = 5;
 /** Number of sampled postures that `fit` brings into view. */
 const POSTURES = 60;
+/** Directions from the cell to the camera, by preference: over both front corners, from both sides, over the back corners. */
+const VIEWS = /** @type {[number, number, number][]} */ ([[1.25, -0.95, 0.75], [1.25, 0.95, 0.75], [0.3, -1.54, 0.75], [0.3, 1.54, 0.75], [-1.25, -0.95, 0.75], [-1.25, 0.95, 0.75]]);
+/** Maximum number of targets, and number of instants, that views are judged by. */
+const SAMPLES = 12;
+/** Share of hidden targets that a preferred view may have in excess. */
+const EXCESS = 0.05;
+/** Distance from a target within which a body hides nothing: the tool and its part [m]. */
+const AT_TARGET = 0.08;
 /** Fraction of the view that the cell fills. */
 const FILLED = 0.9;
 /** Layer of the objects that cast shadows, and smallest area that shows them [m²]. */
 const CASTS = 1;
 const SHADED = 0.1;
+/** Height of the texts over the view above and below the cell on a phone [px]. */
+const ABOVE = 52;
+const BELOW = 92;
 /** Maximum number of pixels of a still frame. */
 const MAX_PIXELS = 8e6;
 /** Rendered pixels per pixel of a still. */
@@ -110,7 +122,9 @@ export class Scene {
     this.shadows = this.makeShadows();
     this.show("checked", false);
     this.show("frames", false);
-    this.fitted = false;
+    /** Direction from the cell to the camera of the fitted view; null after the reader has moved the camera. */
+    this.direction = /** @type {[number, number, number] | null} */ (this.leastHidden());
+    this.controls.addEventListener("start", () => (this.direction = null));
     new ResizeObserver(() => this.resize()).observe(container);
   }
 
@@ -190,7 +204,10 @@ export class Scene {
   show(name, on) {
     if (name === "traces") for (const trace of this.traces) trace.setVisible(on);
     if (name === "frames") for (const tip of this.tips) tip.visible = on;
-    if (name === "skeleton") this.skeleton.setVisible(on);
+    if (name === "skeleton") {
+      this.skeleton.setVisible(on);
+      this.materials.setGhost(this.machine.colours, on);
+    }
     if (name === "pair") for (const pair of this.pairs) pair.group.visible = on;
     if (name === "checked") {
       for (const drawing of this.drawings) drawing.visible = !on;
@@ -278,8 +295,7 @@ export class Scene {
     this.renderer.setSize(width, height);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    if (!this.fitted) this.fit();
-    this.fitted = true;
+    if (this.direction) this.fit(this.direction);
     this.render();
   }
 
@@ -294,7 +310,7 @@ export class Scene {
     }
     /** @type {THREE.Mesh[]} */
     const fixtures = [];
-    this.fixtures.group.traverse((part) => part instanceof THREE.Mesh && part.material !== this.materials.solid("frame") && fixtures.push(part));
+    this.fixtures.group.traverse((part) => part instanceof THREE.Mesh && fixtures.push(part));
     for (const mesh of [...this.meshes, ...fixtures]) {
       mesh.geometry.computeBoundingBox();
       const box = /** @type {THREE.Box3} */ (mesh.geometry.boundingBox);
@@ -314,18 +330,42 @@ export class Scene {
     this.setTime(this.time);
   }
 
+  /** Select the preferred view in which bodies hide about as few targets as possible. */
+  leastHidden() {
+    const { events, duration } = this.plan;
+    const count = Math.min(events.length, SAMPLES);
+    const targets = Array.from({ length: count }, (_, i) => new THREE.Vector3(...events[Math.floor((i * events.length) / count)].xyz));
+    const directions = VIEWS.map((view) => new THREE.Vector3(...view).normalize());
+    const hidden = VIEWS.map(() => 0);
+    for (let i = 0; i < SAMPLES; i++) {
+      this.setTime(((i + 0.5) * duration) / SAMPLES);
+      this.world.updateMatrixWorld(true);
+      directions.forEach((direction, k) => {
+        const isHidden = (/** @type {THREE.Vector3} */ target) => new THREE.Raycaster(target, direction, AT_TARGET).intersectObjects(this.meshes, false).length > 0;
+        hidden[k] += targets.filter(isHidden).length;
+      });
+    }
+    this.setTime(0);
+    const least = Math.min(...hidden);
+    return VIEWS[hidden.findIndex((number) => number <= least + EXCESS * SAMPLES * count)];
+  }
+
   /**
    * Move the camera so that the whole cell is in view.
    * @param {[number, number, number]} [direction] from the cell to the camera
    */
-  fit(direction = [1.25, -0.95, 0.75]) {
+  fit(direction = this.leastHidden()) {
+    this.direction = direction;
     const points = this.outline();
     const centre = new THREE.Box3().setFromPoints(points).getCenter(new THREE.Vector3());
     const toCamera = new THREE.Vector3(...direction).normalize();
     const right = new THREE.Vector3(0, 0, 1).cross(toCamera).normalize();
     const up = toCamera.clone().cross(right);
-    const tall = Math.tan((this.camera.fov * Math.PI) / 360) * FILLED;
-    const wide = tall * this.camera.aspect;
+    const { clientWidth: width, clientHeight: height } = this.container;
+    const [above, below] = matchMedia(PHONE).matches ? [ABOVE / height, BELOW / height] : [0, 0];
+    this.camera.setViewOffset(width, height, 0, ((below - above) / 2) * height, width, height);
+    const wide = Math.tan((this.camera.fov * Math.PI) / 360) * FILLED * this.camera.aspect;
+    const tall = (wide / this.camera.aspect) * (1 - above - below);
     let distance = 0;
     for (let round = 0; round < 4; round++) {
       const [x, y] = [[Infinity, -Infinity], [Infinity, -Infinity]];

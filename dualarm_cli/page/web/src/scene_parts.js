@@ -44,7 +44,7 @@ export class Skeleton {
     const bone = new THREE.CylinderGeometry(size, size, 1, 10).rotateX(Math.PI / 2);
     const dot = new THREE.SphereGeometry(size * 1.8, 14, 10);
     this.parts = this.bones.map(({ arm }) => {
-      const material = materials.solid(arm === "platform" ? "base" : `${arm}-arm`);
+      const material = materials.solid(`${arm}-trace`);
       const parts = { line: new THREE.Mesh(bone, material), dot: new THREE.Mesh(dot, material) };
       this.group.add(parts.line, parts.dot);
       return parts;

@@ -9,6 +9,8 @@ import * as THREE from "three";
 const SEGMENTS = 18;
 /** Side of the plane that shows a half-space [m]. */
 const GROUND = 20;
+/** Opacity of the robot around its skeleton. */
+const GHOST = 0.22;
 
 /**
  * Create the geometry of a solid in its own frame.
@@ -63,6 +65,7 @@ void main() {${PLACED}
 }`;
 const FRAGMENT = `
 uniform vec3 colour;
+uniform float opacity;
 varying vec3 turned;
 varying vec3 eye;
 void main() {
@@ -72,7 +75,7 @@ void main() {
   float rim = smoothstep(0.0, 0.55, abs(dot(n, e)));
   float light = (0.62 + 0.16 * n.z + 0.30 * max(dot(n, ${SUN}), 0.0)) * (0.80 + 0.20 * rim);
   float gloss = pow(max(dot(n, normalize(e + ${SUN})), 0.0), 32.0);
-  gl_FragColor = vec4(colour * light + 0.10 * gloss, 1.0);
+  gl_FragColor = vec4(colour * light + 0.10 * gloss, opacity);
 }`;
 // A shadow is the object pressed along the light onto a level of the world, and cut at the edges of what it falls on.
 const SHADOW_VERTEX = `
@@ -134,6 +137,15 @@ export class Materials {
     return material;
   }
 
+  /** Make solids translucent, or opaque again. @param {string[]} names of their colours @param {boolean} on */
+  setGhost(names, on) {
+    for (const material of names.map((name) => this.solid(name))) {
+      material.transparent = on;
+      material.depthWrite = !on;
+      material.uniforms.opacity.value = on ? GHOST : 1;
+    }
+  }
+
   /** @param {(name: string) => string} colour */
   recolour(colour) {
     for (const [name, material] of [...this.solids, ...this.shadows.map((shadow) => /** @type {const} */ ([shadow.name, shadow.material]))]) {
@@ -145,7 +157,7 @@ export class Materials {
 
 function newSolid() {
   return new THREE.ShaderMaterial({
-    uniforms: { colour: { value: new THREE.Color() } },
+    uniforms: { colour: { value: new THREE.Color() }, opacity: { value: 1 } },
     vertexShader: VERTEX,
     fragmentShader: FRAGMENT,
     side: THREE.DoubleSide,

@@ -4,7 +4,7 @@ import { DASHES, colour } from "./colours.js";
 import { TOOLS, clearancePlot, curveStyle, jointPlots, toolPlot } from "./curves.js";
 import { armsOf } from "./data.js";
 import { button, element, lineSample, toggle } from "./dom.js";
-import { GUTTER, Gantt, LEGEND, MARGIN, drawLegendEntry } from "./gantt.js";
+import { GUTTER, Gantt, LEGEND, MARGIN, drawLegendEntry, scaled } from "./gantt.js";
 import { jointLabel } from "./labels.js";
 import { QUANTITIES, stateAt } from "./trajectory.js";
 import { jointValue, millimetres } from "./units.js";
@@ -36,8 +36,8 @@ const DESCRIPTIONS = /** @type {Object<string, string>} */ ({
 /** Printed width [px]. */
 const PAPER = 740;
 /** Limits of the height of a plot [px]. */
-const MIN_HEIGHT = 78;
-const MAX_HEIGHT = 400;
+const MIN_HEIGHT = scaled(78);
+const MAX_HEIGHT = scaled(400);
 
 /** Gantt chart and curves with their selection. */
 export class Timeline {

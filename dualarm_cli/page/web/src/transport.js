@@ -4,8 +4,8 @@ import { neighbour, SPEEDS } from "./clock.js";
 import { button, element } from "./dom.js";
 import { armsOf } from "./data.js";
 import { copyLink } from "./playing.js";
-import { ALONG, segmentsAt, signalOf, waitsFor } from "./gantt_layout.js";
-import { actionOn, eventText, fixed, word } from "./units.js";
+import { segmentsAt, workText } from "./gantt_layout.js";
+import { eventText, fixed } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 
@@ -142,18 +142,6 @@ export class Transport {
   /** Describe what an arm does now. @param {string} arm */
   workOf(arm) {
     const segment = segmentsAt(this.plan, this.clock.time)[arm];
-    return segment ? this.segmentText(segment) : "–";
-  }
-
-  /** @param {import("./types.js").Segment} segment */
-  segmentText(segment) {
-    if (segment.kind === "wait") {
-      const awaited = waitsFor(this.plan, segment);
-      return `waits (${word(segment.reason ?? "")})${awaited ? ` for ${awaited}` : ""}`;
-    }
-    if (ALONG.includes(segment.kind)) return actionOn(segment.kind, segment.task);
-    if (!segment.task) return word(segment.kind);
-    const signal = signalOf(this.plan, segment);
-    return `${actionOn(segment.action, segment.task)}: ${word(segment.kind)}${signal && ` → ${signal}`}`;
+    return segment ? workText(this.plan, segment) : "–";
   }
 }

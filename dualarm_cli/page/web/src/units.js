@@ -83,8 +83,30 @@ const WORDS = /** @type {Object<string, string>} */ ({
   seam_end: "seam end",
   path_start: "path start",
   path_end: "path end",
+  partner: "other arm",
+  after: "earlier task",
+  window: "time window",
   end: "work is done",
 });
+
+/** What an arm waits for, by reason, unless the plan names an arm and a task. */
+const AWAITED = /** @type {Object<string, string>} */ ({
+  partner: "the other arm",
+  shared_zone: "the other arm to leave the shared zone",
+  after: "an earlier task",
+  conveyor: "a part on the conveyor",
+});
+
+/**
+ * Describe a wait.
+ * @param {string} reason
+ * @param {string} [awaited] arm and task that end it
+ */
+export function waitText(reason, awaited = "") {
+  if (reason === "end") return word(reason);
+  const by = reason === "shared_zone" && awaited ? `${awaited} to leave the shared zone` : awaited;
+  return `waits for ${by || AWAITED[reason] || `the ${word(reason)}`}`;
+}
 
 /** Return the displayed name of a kind, an action or a reason. @param {string} name */
 export function word(name) {

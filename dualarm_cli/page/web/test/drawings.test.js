@@ -6,7 +6,8 @@ import { test } from "node:test";
 import { Fixtures, loads } from "../src/fixtures.js";
 import { jointLabel } from "../src/labels.js";
 import { Machine, closedAt, grips } from "../src/machine.js";
-import { Materials } from "../src/shapes.js";
+import { Scene } from "../src/scene.js";
+import { Materials, meshOf } from "../src/shapes.js";
 import { compose, inverse } from "../src/poses.js";
 
 const event = (time, action, dwell, arm = "left") => ({ time, action, dwell, arm, task: "a" });
@@ -72,6 +73,32 @@ test("a tray is drawn above a table, not where a bin is modelled or parts lie on
   assert.deepEqual(drawn([table(0.785)]), [false, false, true]);
   const wall = { ...table(0.82), name: "wall", size: [0.2, 0.02, 0.1], xyz: [0, 0.07, 0.77] };
   assert.deepEqual(drawn([table(0.7), wall]), [false, false, true]);
+});
+
+/** What a scene's own methods use of it, without a canvas. */
+const sceneOf = (plan, meshes) => ({
+  plan: { joints: [], duration: 1, ...plan },
+  meshes,
+  traces: [],
+  objects: { positions: () => [] },
+  world: { updateMatrixWorld: () => meshes.forEach((mesh) => mesh.updateMatrixWorld(true)) },
+  setTime: () => {},
+});
+
+test("the fitted view holds the legs of a table down to the floor, and a table of 2.5 m by 2 m", () => {
+  const wide = { ...table(0.7), size: [2.5, 2, 0.04] };
+  const plan = cell({ solids: [wide], bodies: [{ parent: -1, joint: -1, axis: [0, 0, 1], slides: false, ...upright(0, 0, 1) }] });
+  const scene = { ...sceneOf(plan, [meshOf(wide, [], new Materials().solid("obstacle"))]), fixtures: new Fixtures(plan, new Materials()) };
+  scene.fixtures.group.updateMatrixWorld(true);
+  const points = Scene.prototype.outline.call(scene);
+  const least = (axis) => Math.min(...points.map((point) => point[axis]));
+  assert.deepEqual([least("x"), least("y"), least("z")].map((x) => Math.round(1e3 * x + 1)), [-1249, -999, 1]);
+});
+
+test("the first view is from where a wall hides no target", () => {
+  const wall = (y) => ({ ...table(0.3), name: "wall", size: [4, 0.02, 2], ...upright(0, y, 1) });
+  const view = (y) => Scene.prototype.leastHidden.call(sceneOf({ events: [{ xyz: [0, 0, 0.2] }] }, [meshOf(wall(y), [], new Materials().solid("obstacle"))]));
+  assert.deepEqual([view(-0.5), view(0.5)].map(([x, y]) => [x > 0, Math.sign(y)]), [[true, 1], [true, -1]]);
 });
 
 /** A robot of one arm with one joint, whose link has a shape. */

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { barAt, familyOf, ganttRows, segmentText, segmentsAt, signalOf, visits, waitsFor } from "../src/gantt_layout.js";
+import { barAt, familyOf, ganttRows, segmentText, segmentsAt, visits, workText } from "../src/gantt_layout.js";
 
 const segment = (arm, kind, task, action, start, end, more = {}) => ({ arm, kind, task, action, start, end, ...more });
 
@@ -74,11 +74,18 @@ test("the bar at a time contains it, or is the nearest within the tolerance", ()
   assert.equal(barAt(left.bars, 6.1, 0.2)?.kind, "return");
 });
 
-test("a wait shows its reason and the awaited arm", () => {
+test("a wait says what the arm waits for", () => {
   const wait = SEGMENTS[8];
-  assert.equal(waitsFor(PLAN, wait), "the left arm, a-1");
-  assert.match(segmentText(wait, waitsFor(PLAN, wait)), /^right: wait \(partner\), for the left arm, a-1, 2\.000–3\.000 s/);
-  assert.equal(ganttRows(PLAN)[1].bars[1].label, "partner");
+  assert.match(segmentText(PLAN, wait), /^right: waits for the left arm, a-1, 2\.000–3\.000 s/);
+  assert.equal(ganttRows(PLAN)[1].bars[1].label, "other arm");
+  const texts = ["partner", "platform", "shared_zone", "window", "end"].map((reason) => workText(PLAN, { ...wait, start: 2.5, reason }));
+  assert.deepEqual(texts, ["waits for the other arm", "waits for the platform", "waits for the other arm to leave the shared zone", "waits for the time window", "work is done"]);
+});
+
+test("of a seam, one arm holds the part and the other one follows the curve", () => {
+  const plan = { ...PLAN, report: { seams: [{ task: "seam", master: "left", slave: "right" }, { task: "rim", master: null, slave: "right" }] } };
+  const works = [["left", "seam"], ["right", "seam"], ["right", "rim"]].map(([arm, task]) => workText(plan, segment(arm, "seam", task, "", 0, 1)));
+  assert.deepEqual(works, ["holds the part of the seam", "follows the seam", "follows seam rim"]);
 });
 
 test("the segment of each arm at a time", () => {
@@ -88,8 +95,7 @@ test("the segment of each arm at a time", () => {
 });
 
 test("a signal is shown at the dwell in which it is set", () => {
-  assert.deepEqual(SEGMENTS.map((one) => signalOf(PLAN, one)).filter(Boolean), ["left_do1"]);
   const [left] = ganttRows(PLAN);
-  assert.match(left.bars[2].text, /^left: dwell, pick a-1, → left_do1, 2\.000–2\.500 s/);
-  assert.doesNotMatch(left.bars[5].text, /→/);
+  assert.match(left.bars[2].text, /^left: pick a-1: dwell → left_do1, 2\.000–2\.500 s/);
+  assert.equal(left.bars.filter(({ text }) => text.includes("→")).length, 1);
 });
