@@ -79,6 +79,7 @@ async function look(browser) {
   seen.curvesShown = [];
   for (const size of [[390, 844], [1280, 800]]) {
     await tab.setViewportSize({ width: size[0], height: size[1] });
+    await tab.waitForTimeout(200);
     seen.curvesShown.push(await tab.evaluate(() => !document.querySelector("#page").classList.contains("no-curves")));
   }
 
