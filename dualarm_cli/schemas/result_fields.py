@@ -1,6 +1,6 @@
-# ruff: noqa: E501 (a table, one row a line)
+# ruff: noqa: E501 (tables, one row a line)
 # fmt: off
-"""Members of `schedule.json` and `report.json`: unit and meaning.
+"""Members of `schedule.json`, and the tables of both result files: unit and meaning.
 
 A test compares both tables with files of real plans.
 
@@ -9,279 +9,179 @@ A test compares both tables with files of real plans.
 
 from __future__ import annotations
 
-_SETTINGS = {
-    "settings.platform": ("", "Method that chose the platform angles."),
-    "settings.redundancy": ("", "Resolver of the arms' redundancy."),
-    "settings.timing": ("", "Solver that timed the transfers."),
-    "settings.blend": ("", "Where tools do not stop: lines, at the outer ends of lines, or none."),
-    "settings.effort": ("", "quick, normal or thorough."),
-    "settings.follower": ("", "Method of paths, where one was named."),
-    "settings.seam_solver": ("", "Method of seams, where one was named."),
-    "settings.seed": ("", "Seed of all randomness."),
-    "settings.time_limit": ("s", "Time limit of the search for orders; none without one."),
-}
-_CHECKS = {
-    "verification.passed": ("", "Whether no check failed."),
-    "verification.checks[].name": ("", "Stable name of the check."),
-    "verification.checks[].verdict": ("", "passed, failed or not checked."),
-    "verification.checks[].measured": ("`unit`", "Worst value found; none where there is nothing to measure."),
-    "verification.checks[].allowed": ("`unit`", "What it may be."),
-    "verification.checks[].unit": ("", "Unit of both; empty for counts and ratios."),
-    "verification.checks[].detail": ("", "Where the worst value is, or why nothing was checked."),
-}
-_STAGES = {
-    "stages[].start": ("s", "Start of the stage: both arms start it together. With `mode: free` a stage is one arm's stop. Members that name a stage count from 0; tables of the terminal, and `dualarm platform --stage`, count from 1."),
-    "stages[].end": ("s", "When the last of its arms is done."),
-    "stages[].tasks": ("", "Tasks worked on, the left arm's first; empty for the return."),
-    "stages[].platform_solver": ("", "Method that gave the platform angle."),
-    "stages[].platform_angle": ("rad", "Where the platform stands at the end (m where it slides); none without a platform of one joint."),
-    "stages[].platform_time": ("s", "How long the platform alone would need."),
-    "stages[].arm_times.<arm>": ("s", "How long each arm alone would need for its transfer."),
-    "stages[].joint_times.<joint>": ("s", "How long each joint alone would need for its transfer."),
-    "stages[].bottleneck": ("", "Joint that needs longest for the stage's transfers and so decides how long they take; `tool_speed` where the cap on the tools' speed decides, `duration` where the task file gives the time; empty where nothing moves."),
-    "stages[].saved": ("s", "How much shorter the stage is than with stops at the outer ends of lines."),
-}
+from collections.abc import Iterator
+from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints, is_typeddict
 
-SCHEDULE: dict[str, tuple[str, str]] = {
-    "format": ("", "`dualarm.schedule/2`."),
-    "robot.name": ("", "Name of the robot."),
-    "robot.urdf": ("", "Name of the URDF file in the schedule's folder."),
-    "robot.joints": ("", "Moving joints, in the order of the robot's columns."),
-    "robot.groups.<group>": ("", "Joints that are timed together, in the order of the columns of `motion.<group>`: the platform's, each arm's, and `others`. Every moving joint is in one group."),
-    "robot.base.xyz": ("m", "Position of the URDF's root link in the world."),
-    "robot.base.quat_xyzw": ("", "Its rotation."),
-    "robot.platform": ("", "Joints that carry both arms."),
-    "robot.arms.<arm>.flange": ("", "Link to which the tool is bolted."),
-    "robot.arms.<arm>.tcp.xyz": ("m", "Tool centre point in the flange frame."),
-    "robot.arms.<arm>.tcp.quat_xyzw": ("", "Its rotation."),
-    "robot.arms.<arm>.joints": ("", "Joints of the arm, base to flange."),
-    "robot.limits.<joint>.lower": ("rad", "Lowest position (m for a joint that slides, here and below)."),
-    "robot.limits.<joint>.upper": ("rad", "Highest position."),
-    "robot.limits.<joint>.velocity": ("rad/s", "Largest speed, at the job's `speed`."),
-    "robot.limits.<joint>.acceleration": ("rad/s²", "Largest acceleration."),
-    "robot.limits.<joint>.jerk": ("rad/s³", "Largest jerk; none where it is not limited."),
-    "robot.limits.<joint>.source": ("", "Where acceleration and jerk come from: datasheet, measured, urdf, joint_limits or assumed; `urdf, jerk assumed` where they differ."),
-    "robot.tool_speed": ("m/s", "Cap on the speed of every tool centre point, or none."),
-    "duration": ("s", "Length of the motion: the period where it returns to the start."),
-    "lower_bound": ("s", "No plan is shorter (with `blend` none: none that is at rest after every transfer and line): of the same stages where the file gives the order, of all orders where the planner chose it; the conditions are in `notes`. None if no bound was computed."),
-    "grid_gap": ("", "How far the best plan of the search's grid was above that grid's own bound, before it was refined."),
-    "order_grid_gap": ("", "By what share another order may be quicker on the grid of the search for orders, which proves nothing of plans; none for a given order."),
-    "clearance_cost": ("s", "How much longer the plan is than the same method's plan without collision checking, both with all stops."),
-    "blend_gain": ("s", "How much shorter the plan is than the same stages with stops at the outer ends of lines; none where tools stop there."),
-    **_STAGES,
-    "stages[].arm": ("", "The arm whose stage it is with `mode: free`; empty where it is both arms'."),
-    "segments[].arm": ("", "left or right."),
-    "segments[].kind": ("", "transfer, approach, dwell, retract, wait, return, path or seam."),
-    "segments[].task": ("", "Task; empty for a return."),
-    "segments[].action": ("", "What is done at the target, such as pick or place."),
-    "segments[].start": ("s", "Start."),
-    "segments[].end": ("s", "End."),
-    "segments[].dwell.gripper": ("s", "Share of a dwell for the gripper."),
-    "segments[].dwell.settle": ("s", "Share of a dwell for coming to rest."),
-    "segments[].dwell.handshake": ("s", "Share of a dwell for signals."),
-    "segments[].reason": ("", "Why the arm waits; only for waits."),
-    "events[].time": ("s", "When a tool is commanded to be somewhere."),
-    "events[].arm": ("", "left or right."),
-    "events[].task": ("", "Task."),
-    "events[].action": ("", "pick, place, move, give, take, take_tool, leave_tool, or the begin and end of a path or seam."),
-    "events[].frame": ("", "Frame that is there, such as left_tcp."),
-    "events[].xyz": ("m", "Commanded position of that frame in the world."),
-    "events[].quat_xyzw": ("", "Commanded rotation."),
-    "events[].dwell": ("s", "How long the tool stands there."),
-    "events[].velocity": ("m/s", "Velocity of the conveyor that the tool moves with during the dwell; absent where it stands."),
-    "events[].signal": ("", "Name of the signal that is set then; absent where there is none."),
-    "motion.<group>.time": ("s", "Knots of the group, shape (k,)."),
-    "motion.<group>.acceleration": ("rad/s²", "Accelerations at the knots, shape (k, joints); they change linearly between them."),
-    "motion.<group>.anchor": ("", "Knots, counted from 0, at which position and velocity are stated, shape (m,); the first one always is."),
-    "motion.<group>.position": ("rad", "Positions at the anchors, shape (m, joints) (m for joints that slide, here and above)."),
-    "motion.<group>.velocity": ("rad/s", "Velocities at the anchors."),
-    "provenance.version": ("", "Version of dualarm."),
-    "provenance.inputs.<name>": ("", "SHA-256 of each input file."),
-    **{f"provenance.{name}": row for name, row in _SETTINGS.items()},
-    "provenance.seed": ("", "Seed of all randomness."),
-    "notes": ("", "Choices and assumptions that a reader should know."),
-    "files.<name>": ("", "SHA-256 of each file of the set."),
-    **_CHECKS,
-}
+from dualarm_cli.report.document import (
+    ArmName,
+    CheckRow,
+    ClearanceCost,
+    GridGap,
+    JointName,
+    Name,
+    OrderGridGap,
+    Report,
+    SettingsRow,
+    StageRow,
+)
+
+GroupName = Annotated[str, "group"]
+
+
+class SchedulePose(TypedDict):
+    """Pose of a frame."""
+
+    xyz: Annotated[tuple[float, float, float], "m", "Position of the URDF's root link in the world."]
+    quat_xyzw: Annotated[tuple[float, float, float, float], "", "Its rotation."]
+
+
+class ArmMembers(TypedDict):
+    """Arm of the robot."""
+
+    flange: Annotated[str, "", "Link to which the tool is bolted."]
+    tcp: ScheduleTcp
+    joints: Annotated[list[str], "", "Joints of the arm, base to flange."]
+
+
+class ScheduleTcp(TypedDict):
+    """Tool centre point."""
+
+    xyz: Annotated[tuple[float, float, float], "m", "Tool centre point in the flange frame."]
+    quat_xyzw: Annotated[tuple[float, float, float, float], "", "Its rotation."]
+
+
+class ScheduleLimits(TypedDict):
+    """Limits of a joint."""
+
+    lower: Annotated[float | None, "rad", "Lowest position (m for a joint that slides, here and below)."]
+    upper: Annotated[float | None, "rad", "Highest position."]
+    velocity: Annotated[float, "rad/s", "Largest speed, at the job's `speed`."]
+    acceleration: Annotated[float, "rad/s²", "Largest acceleration."]
+    jerk: Annotated[float | None, "rad/s³", "Largest jerk; none where it is not limited."]
+    source: Annotated[str, "", "Where acceleration and jerk come from: datasheet, measured, urdf, joint_limits or assumed; `urdf, jerk assumed` where they differ."]
+
+
+class RobotMembers(TypedDict):
+    """Robot of the schedule."""
+
+    name: Annotated[str, "", "Name of the robot."]
+    urdf: Annotated[str, "", "Name of the URDF file in the schedule's folder."]
+    joints: Annotated[list[str], "", "Moving joints, in the order of the robot's columns."]
+    groups: dict[GroupName, Annotated[list[str], "", "Joints that are timed together, in the order of the columns of `motion.<group>`: the platform's, each arm's, and `others`. Every moving joint is in one group."]]
+    base: SchedulePose
+    platform: Annotated[list[str], "", "Joints that carry both arms."]
+    arms: dict[ArmName, ArmMembers]
+    limits: dict[JointName, ScheduleLimits]
+    tool_speed: Annotated[float | None, "m/s", "Cap on the speed of every tool centre point, or none."]
+
+
+class ScheduleStage(StageRow):
+    """Stage of the schedule."""
+
+    arm: Annotated[str, "", "The arm whose stage it is with `mode: free`; empty where it is both arms'."]
+
+
+class ScheduleDwell(TypedDict):
+    """Shares of a dwell."""
+
+    gripper: Annotated[float, "s", "Share of a dwell for the gripper."]
+    settle: Annotated[float, "s", "Share of a dwell for coming to rest."]
+    handshake: Annotated[float, "s", "Share of a dwell for signals."]
+
+
+class ScheduleSegment(TypedDict):
+    """Segment of an arm."""
+
+    arm: Annotated[str, "", "left or right."]
+    kind: Annotated[str, "", "transfer, approach, dwell, retract, wait, return, path or seam."]
+    task: Annotated[str, "", "Task; empty for a return."]
+    action: Annotated[str, "", "What is done at the target, such as pick or place."]
+    start: Annotated[float, "s", "Start."]
+    end: Annotated[float, "s", "End."]
+    dwell: ScheduleDwell
+    reason: Annotated[str, "", "Why the arm waits; only for waits."]
+
+
+class ScheduleEvent(TypedDict):
+    """Event of a tool."""
+
+    time: Annotated[float, "s", "When a tool is commanded to be somewhere."]
+    arm: Annotated[str, "", "left or right."]
+    task: Annotated[str, "", "Task."]
+    action: Annotated[str, "", "pick, place, move, give, take, take_tool, leave_tool, or the begin and end of a path or seam."]
+    frame: Annotated[str, "", "Frame that is there, such as left_tcp."]
+    xyz: Annotated[tuple[float, float, float], "m", "Commanded position of that frame in the world."]
+    quat_xyzw: Annotated[tuple[float, float, float, float], "", "Commanded rotation."]
+    dwell: Annotated[float, "s", "How long the tool stands there."]
+    velocity: Annotated[tuple[float, float, float], "m/s", "Velocity of the conveyor that the tool moves with during the dwell; absent where it stands."]
+    signal: Annotated[str, "", "Name of the signal that is set then; absent where there is none."]
+
+
+class ScheduleMotion(TypedDict):
+    """Motion of a group of joints."""
+
+    time: Annotated[list[float], "s", "Knots of the group, shape (k,)."]
+    acceleration: Annotated[list[list[float]], "rad/s²", "Accelerations at the knots, shape (k, joints); they change linearly between them."]
+    anchor: Annotated[list[int], "", "Knots, counted from 0, at which position and velocity are stated, shape (m,); the first one always is."]
+    position: Annotated[list[list[float]], "rad", "Positions at the anchors, shape (m, joints) (m for joints that slide, here and above)."]
+    velocity: Annotated[list[list[float]], "rad/s", "Velocities at the anchors."]
+
+
+class ScheduleProvenance(TypedDict):
+    """Origin of the schedule."""
+
+    version: Annotated[str, "", "Version of dualarm."]
+    inputs: dict[Name, Annotated[str, "", "SHA-256 of each input file."]]
+    settings: SettingsRow
+    seed: Annotated[int, "", "Seed of all randomness."]
+
+
+class ScheduleVerification(TypedDict):
+    """Verification of the schedule."""
+
+    passed: Annotated[bool, "", "Whether no check failed."]
+    checks: list[CheckRow]
+
+
+class ScheduleFile(TypedDict):
+    """Members of `schedule.json`."""
+
+    format: Annotated[str, "", "`dualarm.schedule/2`."]
+    robot: RobotMembers
+    duration: Annotated[float, "s", "Length of the motion: the period where it returns to the start."]
+    lower_bound: Annotated[float | None, "s", "No plan is shorter (with `blend` none: none that is at rest after every transfer and line): of the same stages where the file gives the order, of all orders where the planner chose it; the conditions are in `notes`. None if no bound was computed."]
+    grid_gap: GridGap
+    order_grid_gap: OrderGridGap
+    clearance_cost: ClearanceCost
+    blend_gain: Annotated[float | None, "s", "How much shorter the plan is than the same stages with stops at the outer ends of lines; none where tools stop there."]
+    stages: list[ScheduleStage]
+    segments: list[ScheduleSegment]
+    events: list[ScheduleEvent]
+    motion: dict[GroupName, ScheduleMotion]
+    provenance: ScheduleProvenance
+    notes: Annotated[list[str], "", "Choices and assumptions that a reader should know."]
+    files: dict[Name, Annotated[str, "", "SHA-256 of each file of the set."]]
+    verification: ScheduleVerification | None
+
+
+def _rows(kind: Any, path: str) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Yield the path, unit and meaning of each member below a type."""
+    hints = get_type_hints(kind, include_extras=True) if is_typeddict(kind) else {}
+    for name, inner in hints.items():
+        yield from _rows(inner, f"{path}.{name}" if path else name)
+    outer, inner = get_origin(kind), get_args(kind)
+    if outer is Annotated:
+        yield path, (inner[1], inner[2])
+    elif outer is dict:
+        yield from _rows(inner[1], f"{path}.<{get_args(inner[0])[1]}>")
+    elif outer is list:
+        yield from _rows(inner[0], f"{path}[]")
+    else:
+        for part in inner:
+            yield from _rows(part, path)
+
+
+SCHEDULE = dict(_rows(ScheduleFile, ""))
 """Unit and meaning of the members of `schedule.json`."""
-
-_USE = {
-    "transfer": "Time on transfers between stops.",
-    "approach": "Time on straight approaches.",
-    "dwell": "Time at targets.",
-    "retract": "Time on straight retracts.",
-    "return": "Time on the return to the start.",
-    "path": "Time on paths.",
-    "seam": "Time on seams.",
-    "dwell_shares.gripper": "Share of the dwells for the gripper.",
-    "dwell_shares.settle": "Share of the dwells for coming to rest.",
-    "dwell_shares.handshake": "Share of the dwells for signals.",
-    "waiting": "Time that the arm waits.",
-    "waited.platform": "Waits until the platform is there.",
-    "waited.partner": "Waits until the other arm has finished the stage.",
-    "waited.shared_zone": "Waits until the other arm has cleared the space.",
-    "waited.after": "Waits for a task that this one comes after.",
-    "waited.window": "Waits for a time before which a task must not begin.",
-    "waited.buffer": "Waits for a part in a buffer, or for room.",
-    "waited.conveyor": "Waits for a part on a conveyor.",
-    "waited.end": "Waits at the end, when its work is done.",
-    "drawn_out_for_platform": "How much longer its transfers take so that it arrives with a slower platform.",
-}
-_FOLLOWED = {
-    "task": ("", "Task."),
-    "method": ("", "Method that found the joints."),
-    "duration": ("s", "Duration."),
-    "length": ("m", "Length of the curve; with both arms that of the longer one."),
-    "manipulability.<arm>": ("", "Mean manipulability of each arm."),
-    "joint_travel": ("rad", "Total travel of all joints that turn."),
-    "slide_travel": ("m", "Total travel of all joints that slide."),
-    "platform_travel": ("rad", "Travel of the platform's joints that turn; of a sliding one in m."),
-    "platform_slides": ("", "Whether all joints of the platform slide."),
-    "limit_room": ("rad", "Least distance of a joint from its position limit (m where it slides)."),
-    "limit_joint": ("", "That joint."),
-    "limit_slides": ("", "Whether it slides."),
-    "speed_share": ("", "Largest share of a joint's speed limit."),
-    "speed_joint": ("", "That joint."),
-    "clearance": ("m", "Least clearance proven during the motion; none if it was not checked."),
-}
-
-REPORT: dict[str, tuple[str, str]] = {
-    "format": ("", "`dualarm.report/1`."),
-    "robot": ("", "Name of the robot."),
-    "cycle_time": ("s", "Length of the motion: the period where it returns to the start."),
-    "closes": ("", "Whether it returns to the start."),
-    "parts": ("", "Number of tasks that pick or place a part."),
-    "parts_per_hour": ("1/h", "Throughput; none for a motion too short to mean anything."),
-    "lower_bound": ("s", "No plan that is at rest after every transfer and line is shorter: of the same stages where the file gives the order, of all orders where the planner chose it; the conditions are in `notes`. None if no bound was computed."),
-    "gap": ("", "Share of the cycle time that lies above the lower bound."),
-    "grid_gap": SCHEDULE["grid_gap"],
-    "order_grid_gap": SCHEDULE["order_grid_gap"],
-    "mode": ("", "paired or free."),
-    "order": ("", "given or optimise."),
-    "open": ("", "Whether the planner chose arms or order."),
-    "bodies.text": ("", "Which bodies have shapes, and which have none, in a sentence."),
-    "bodies.checked": ("", "Links, tools, parts and obstacles that have shapes."),
-    "bodies.without_shape": ("", "Moving links and tools without shapes."),
-    "bodies.without_part": ("", "Tasks that carry something without a shape: they name no `part`."),
-    "collisions": ("", "What was proven about collisions, in a sentence."),
-    "smallest_clearance.stage": ("", "Stage, counted from 0, that has the least clearance compared with what is required."),
-    "smallest_clearance.clearance": ("m", "Least distance of its two bodies."),
-    "smallest_clearance.margin": ("m", "That less what is required."),
-    "smallest_clearance.required": ("m", "What is required of the pair."),
-    "smallest_clearance.bodies": ("", "The two bodies."),
-    "smallest_clearance.time": ("s", "When."),
-    "skew": ("", "How late each arm may be against the other, in a sentence; none where that was not proven."),
-    "clearance_cost": SCHEDULE["clearance_cost"],
-    "blending.gain": SCHEDULE["blend_gain"],
-    "blending.share": ("", "The same as a share of the cycle time with these stops."),
-    "blending.largest_deviation": ("m", "Largest distance of a tool from a line beyond the straight part, until it is as far out as the whole line."),
-    "blending.corners[].arm": ("", "Arm whose tool passes the outer end of a line, or the target of a move, in motion."),
-    "blending.corners[].task": ("", "Task."),
-    "blending.corners[].action": ("", "What is done at the target, such as pick or place."),
-    "blending.corners[].line": ("", "approach or retract; empty for the target of a move."),
-    "blending.corners[].time": ("s", "When the tool is there."),
-    "blending.corners[].speed": ("m/s", "How fast it is there."),
-    "blending.corners[].joint": ("", "The joint that is nearest to one of its limits in the adjacent transfer."),
-    "blending.corners[].limit": ("", "Which limit that is: velocity, acceleration or jerk."),
-    "blending.corners[].beside": ("m", "How far the tool gets from the line where it need not be straight, or from the target of a move."),
-    "budget[].name": ("", "cycle_time, clearance or skew: a limit of the task file's `budget`."),
-    "budget[].allowed": ("s or m", "Longest cycle time, or least clearance or skew."),
-    "budget[].measured": ("s or m", "What the plan has; none where no clearance or skew is proven."),
-    "budget[].kept": ("", "Whether the plan meets it."),
-    "budget[].file": ("", "Task file, as the command names it."),
-    "budget[].line": ("", "Its line."),
-    "budget[].column": ("", "Its column."),
-    "budget[].text": ("", "All that in a sentence."),
-    **{f"paths[].{name}": row for name, row in _FOLLOWED.items()},
-    "paths[].arms": ("", "Arms that follow it."),
-    "paths[].tool_error": ("m", "Largest distance of a tool from its path."),
-    "paths[].tool_angle_error": ("rad", "Largest angle of a tool from its path."),
-    "paths[].rounded_corners[]": ("m", "How far the tool leaves each corner that `blend` rounds."),
-    "paths[].elbow_distance.<arm>": ("m", "Mean distance of the elbow from its critical point."),
-    "paths[].least_elbow_distance.<arm>": ("m", "Mean of the least distance that the elbow can have there, tool and platform kept; none for arms without closed forms."),
-    "paths[].manipulability_together": ("", "Mean manipulability of both arms together."),
-    "paths[].least_manipulability_together": ("", "Least manipulability of both arms together."),
-    **{f"seams[].{name}": row for name, row in _FOLLOWED.items()},
-    "seams[].master": ("", "Arm that carries the part."),
-    "seams[].slave": ("", "Arm that works on it."),
-    "seams[].speed": ("m/s", "Median speed along the seam between its ramps."),
-    "seams[].ramps": ("s", "Durations of both ramps."),
-    "seams[].residual": ("m", "Largest distance by which the chain of both arms is open."),
-    "seams[].residual_angle": ("rad", "Largest angle by which it is open."),
-    "seams[].lean": ("rad", "Largest angle that the tool leans."),
-    "seams[].part_way": ("m", "Travel of the part."),
-    "seams[].part_turn": ("rad", "How far the part turns."),
-    "seams[].part_xyz": ("m", "Where the part is at the start."),
-    "seams[].part_rpy": ("rad", "How it is turned at the start."),
-    "seams[].least_manipulability.<arm>": ("", "Least manipulability of each arm."),
-    "conveyors[].arm": ("", "Arm that meets a part."),
-    "conveyors[].task": ("", "Task."),
-    "conveyors[].action": ("", "pick or place."),
-    "conveyors[].conveyor": ("", "Conveyor."),
-    "conveyors[].speed": ("m/s", "Its speed."),
-    "conveyors[].time": ("s", "When the tool meets the part."),
-    "conveyors[].passes": ("s", "When the part passes its pose in the file."),
-    "conveyors[].gone": ("m", "How far the part is past that pose when the tool meets it."),
-    "conveyors[].within": ("m", "How far it may be."),
-    "conveyors[].waited": ("s", "How long the arm waited for the part."),
-    **{name: row for name, row in _STAGES.items()},
-    "stages[].duration": ("s", "End less start."),
-    "stages[].work[].arm": ("", "Arm that does something in the stage."),
-    "stages[].work[].action": ("", "What it does, such as pick, place or move."),
-    "stages[].work[].task": ("", "Task that this belongs to."),
-    "bottlenecks.<joint>": ("", "In how many stages each joint is the bottleneck."),
-    **{f"arms.<arm>.{name}": ("s", text) for name, text in _USE.items()},
-    "arms.<arm>.utilisation": ("", "Share of the cycle in which the arm does not wait."),
-    "tool_changes.<arm>.changes": ("", "How often the arm changes its tool; visits one right after the other are one change."),
-    "tool_changes.<arm>.visits": ("", "How often it visits a stand."),
-    "tool_changes.<arm>.time": ("s", "Time of transfers to stands, lines and dwells there."),
-    "waits[].arm": ("", "Arm that waits."),
-    "waits[].start": ("s", "Start."),
-    "waits[].end": ("s", "End."),
-    "waits[].length": ("s", "Length."),
-    "waits[].reason": ("", "Reason: as under `arms.<arm>.waited`."),
-    "waits[].task": ("", "Task before which it waits."),
-    "waits[].for.arm": ("", "Arm that it waits for."),
-    "waits[].for.task": ("", "Task that it waits for."),
-    "buffers.<name>.capacity": ("", "Parts that the buffer holds at most."),
-    "buffers.<name>.initial": ("", "Parts in it at the start."),
-    "buffers.<name>.final": ("", "Parts in it at the end."),
-    "buffers.<name>.most": ("", "Most parts that were in it."),
-    "buffers.<name>.empty": ("s", "How long it was empty."),
-    "buffers.<name>.full": ("s", "How long it was full."),
-    "limits_used.<joint>.velocity": ("", "Largest share of the joint's speed limit that is used."),
-    "limits_used.<joint>.acceleration": ("", "Largest share of its acceleration limit."),
-    "limits_used.<joint>.jerk": ("", "Largest share of its jerk limit."),
-    "sliding_joints": ("", "Joints that slide: their positions and rates are in m, m/s, m/s² and m/s³."),
-    "platform_slides": ("", "Whether all joints of the platform slide."),
-    "platform_travel": ("rad", "Total travel of the platform; in m if it slides."),
-    "elbow_imbalance": ("rad", "Mean difference of both elbows' travel, which [Bottin2021] makes zero."),
-    "joint_travel.<joint>": ("rad", "Travel of each joint (m if it slides)."),
-    "speed": ("", "The job's share of full speed."),
-    "tool_speed_cap": ("m/s", "Cap on the speed of the tools, or none."),
-    "assumed_limits": ("", "Joints whose acceleration or jerk limits are assumed."),
-    "assumptions": ("", "Sentences that name the assumed limits."),
-    "without_jerk_limit": ("", "Joints whose jerk is not limited: the robot file says `jerk: none`."),
-    "assumed": ("", "What the result assumes, in short."),
-    "sensitivity[].joint": ("", "Joint; empty for all together."),
-    "sensitivity[].limit": ("", "acceleration or jerk."),
-    "sensitivity[].value": ("rad/s² or rad/s³", "The limit (m/s² or m/s³ of a joint that slides)."),
-    "sensitivity[].lower": ("s", "Cycle time with the limit 10 % lower."),
-    "sensitivity[].higher": ("s", "Cycle time with the limit 10 % higher."),
-    **_CHECKS,
-    "verification.caveats": ("", "Sentences on what a pass leaves open: collisions not, or not fully, checked."),
-    "verification.clearances[].stage": ("", "Stage, counted from 0."),
-    "verification.clearances[].clearance": ("m", "Least distance of the two bodies, proven over the whole stage."),
-    "verification.clearances[].margin": ("m", "That less what is required; no pair has less."),
-    "verification.clearances[].required": ("m", "What is required of the pair."),
-    "verification.clearances[].bodies": ("", "The two bodies."),
-    "verification.clearances[].time": ("s", "When."),
-    "verification.delays[].arm": ("", "The arm that is late."),
-    "verification.delays[].clear": ("s", "No delay up to it lacks clearance, proven."),
-    "verification.delays[].lacking": ("s", "A delay that lacks clearance, or none."),
-    "verification.delays[].bodies": ("", "The two bodies that come too near at this delay, or none."),
-    "verification.delays[].time": ("s", "Time of the violation in the plan, or none."),
-    **_SETTINGS,
-    "notes": ("", "Choices and assumptions that a reader should know."),
-}
+REPORT = dict(_rows(Report, ""))
 """Unit and meaning of the members of `report.json`."""
