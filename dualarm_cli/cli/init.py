@@ -11,8 +11,20 @@ from typing import Annotated
 import typer
 
 from dualarm_cli.cli.parts.completion import complete_robot
-from dualarm_cli.cli.parts.options import PackageDirOption, XacroArgOption
+from dualarm_cli.cli.parts.options import (
+    ConvexPartsOption,
+    JointLimitsOption,
+    LeftTipOption,
+    PackageDirOption,
+    PlatformJointOption,
+    RightTipOption,
+    SrdfOption,
+    XacroArgOption,
+)
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message
+
+DEFAULT_ROBOT = "sda10f"
+"""Bundled robot of a project without `--robot`."""
 
 
 def init_command(
@@ -23,21 +35,45 @@ def init_command(
             "--robot",
             metavar="NAME|FOLDER|URDF",
             help="A bundled robot, a folder that `dualarm robot import` wrote, or a URDF.",
-            show_default="sda10f",
+            show_default=DEFAULT_ROBOT,
             autocompletion=complete_robot,
         ),
     ] = None,
+    srdf: SrdfOption = None,
+    joint_limits: JointLimitsOption = None,
+    left_tip: LeftTipOption = "",
+    right_tip: RightTipOption = "",
+    platform: PlatformJointOption = None,
     package_dir: PackageDirOption = None,
     xacro_arg: XacroArgOption = None,
+    divided: ConvexPartsOption = None,
     json_output: JsonOption = False,
 ) -> None:
-    """Write a first project: cell, six reachable picks, layout study and CI workflow."""
+    """Write a first project: cell, six reachable picks, layout study and CI workflow.
+
+    A URDF is imported with the options of `dualarm robot import`.
+    """
     from dualarm_cli.robot_import.expanded_text import parse_arguments
+    from dualarm_cli.robot_import.importing import ImportRequest
     from dualarm_cli.starting.project import refuse_used_folder, start_project
     from dualarm_cli.starting.robot_source import robot_source
 
     refuse_used_folder(folder)
-    source = robot_source(robot, tuple(package_dir or ()), parse_arguments(xacro_arg or ()))
+    request = ImportRequest(
+        Path(robot or DEFAULT_ROBOT),
+        srdf,
+        joint_limits,
+        {side: tip for side, tip in (("left", left_tip), ("right", right_tip)) if tip},
+        None if platform is None else tuple(platform),
+        tuple(package_dir or ()),
+        divided=tuple(divided or ()),
+        arguments=parse_arguments(xacro_arg or ()),
+    )
+    source = robot_source(request)
+    if not json_output:
+        # Before the search for a table, so that they also explain its refusal.
+        for reason in source.reasons:
+            print_message(reason)
     files = start_project(folder, source)
     if json_output:
         print_json(
@@ -49,8 +85,6 @@ def init_command(
             }
         )
         return
-    for reason in source.reasons:
-        print_message(reason)
     print_message(f"written: {', '.join(str(folder / name) for name in OWN_FILES)}")
     print_message("next:")
     for command, what in NEXT:

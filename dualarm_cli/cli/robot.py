@@ -13,7 +13,17 @@ import typer
 
 from dualarm_cli.cli.parts.completion import complete_robot
 from dualarm_cli.cli.parts.help import HelpCommand, HelpGroup
-from dualarm_cli.cli.parts.options import PackageDirOption, SeedOption, XacroArgOption
+from dualarm_cli.cli.parts.options import (
+    ConvexPartsOption,
+    JointLimitsOption,
+    LeftTipOption,
+    PackageDirOption,
+    PlatformJointOption,
+    RightTipOption,
+    SeedOption,
+    SrdfOption,
+    XacroArgOption,
+)
 from dualarm_cli.cli.parts.output import (
     STDOUT,
     DetailsOption,
@@ -151,38 +161,14 @@ def import_command(
             "--out", help="Folder to write; default ./<robot's name>.", show_default=False
         ),
     ] = None,
-    srdf: Annotated[
-        Path | None, typer.Option("--srdf", help="SRDF: groups, postures and contacts.")
-    ] = None,
-    joint_limits: Annotated[
-        Path | None, typer.Option("--joint-limits", help="MoveIt's joint_limits.yaml.")
-    ] = None,
-    left_tip: Annotated[
-        str,
-        typer.Option(
-            "--left-tip",
-            help="Link that the left arm's tool is bolted to; none if there is no left arm.",
-        ),
-    ] = "",
-    right_tip: Annotated[
-        str,
-        typer.Option(
-            "--right-tip",
-            help="Link that the right arm's tool is bolted to; none if there is no right arm.",
-        ),
-    ] = "",
-    platform: Annotated[
-        list[str] | None, typer.Option("--platform", help="A joint that carries both arms.")
-    ] = None,
+    srdf: SrdfOption = None,
+    joint_limits: JointLimitsOption = None,
+    left_tip: LeftTipOption = "",
+    right_tip: RightTipOption = "",
+    platform: PlatformJointOption = None,
     package_dir: PackageDirOption = None,
     xacro_arg: XacroArgOption = None,
-    divided: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--convex-parts",
-            help="A link whose meshes become several convex parts instead of one hull (extra `coacd`).",
-        ),
-    ] = None,
+    divided: ConvexPartsOption = None,
     seed: SeedOption = 0,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the files.")] = False,
     json_output: JsonOption = False,

@@ -449,25 +449,24 @@ def _limits(robot: RobotText) -> list[str]:
 
 
 def _frozen(structure: Structure) -> list[str]:
-    """Compose the lines on frozen lifts and rails, and how to let them move."""
-    if not structure.frozen:
+    """Compose the lines on held joints, and how to let them move."""
+    if not structure.held:
         return []
     lines = ["frozen:  # where other joints stand; 0 where it is not given"]
-    for slide in structure.frozen:
-        name = _text(slide.joint)
-        if slide.arm:
-            what = f"carries the {slide.arm} arm"
-            change = f"name it first in the joints of the {slide.arm} arm"
+    for held in structure.held:
+        name = _text(held.joint)
+        if held.arm:
+            what = f"carries the {held.arm} arm"
+            change = f"name it first in the joints of the {held.arm} arm"
         else:
             what = "carries both arms"
             change = f"write `platform: [{name}]`"
             if structure.platform:
                 change += f" in place of {', '.join(structure.platform)}"
             change += f", or import again with --platform {name}"
-        span = f"{1e3 * slide.lower:g} to {1e3 * slide.upper:g} mm"
         lines += [
-            f"  # it {what}, {span}; to let it move between stages, delete its line and {change}",
-            f"  {name}: {1e3 * slide.position:g} mm",
+            f"  # it {what}, {held.span}; to let it move between stages, delete its line and {change}",
+            f"  {name}: {held.place}",
         ]
     return lines
 

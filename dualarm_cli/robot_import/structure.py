@@ -6,21 +6,19 @@ names of joints, links and groups: sides, and body parts other than arms.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from dualarm_cli.errors import UsageError, did_you_mean
-from dualarm_cli.files.robots.frozen_joints import leader_of, nearest_to_zero, position_range
-from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
+from dualarm_cli.files.robots.frozen_joints import leader_of
+from dualarm_cli.files.robots.urdf import Urdf
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
+from dualarm_cli.robot_import.carriers import HeldJoint, common, find_platform, moving
 
 LEAST_AXES = 6
 """Minimum number of joints of an arm."""
-PLATFORM_JOINTS = 2
-"""Maximum number of joints that carry both arms."""
 _TIPS = (
     r"tool0$",
     r"flange",
@@ -41,11 +39,6 @@ _note = NoteTable(
     arm="{side} arm: {joints:*, }; flange {tip}{by}",
     ambiguous="no {side} arm: the tree does not tell which row of joints it is, of those that end in {ends:*, }; "
     "name its end with --{side}-tip",
-    platform="platform: {joints:*, }: carries both arms",
-    slide="{name}: slides and carries both arms; stands at {place:g} mm; --platform {name} lets it move between stages",
-    rail="{name}: slides and carries the {side} arm; stands at {place:g} mm; the comments of robot.yaml say how to let "
-    "it move",
-    fixed="joints below the arms that stay where they are: {joints:*, }",
     grippers="joints of grippers by their names: {joints:*, }",
     no_arm="no arm: {first} to {last} ('{word}' in {joint})",
     following="no arm: {first} to {last}, as {pairs}; arms with joints that follow others cannot be planned",
@@ -92,22 +85,6 @@ class ArmChain:
 
 
 @dataclass(frozen=True)
-class FrozenSlide:
-    """Lift or rail that carries arms and is kept fixed, although it could move."""
-
-    joint: str
-    """Name of the joint."""
-    position: float
-    """Fixed position [m]."""
-    lower: float
-    """Lowest position [m]."""
-    upper: float
-    """Highest position [m]."""
-    arm: str = ""
-    """Side of the arm that this joint begins, empty if it carries both."""
-
-
-@dataclass(frozen=True)
 class Structure:
     """Arms and platform of a robot."""
 
@@ -117,22 +94,13 @@ class Structure:
     """Joints that carry both arms, world side first."""
     reasons: tuple[Note, ...]
     """Decisions with their reasons."""
-    frozen: tuple[FrozenSlide, ...] = ()
-    """Fixed lifts and rails that carry arms."""
+    held: tuple[HeldJoint, ...] = ()
+    """Fixed joints of waists, lifts and rails that carry arms."""
 
     @property
     def joints(self) -> list[str]:
         """Joints of the platform and the arms."""
         return [*self.platform, *(joint for arm in self.arms.values() for joint in arm.joints)]
-
-
-def moving(urdf: Urdf) -> list[str]:
-    """List the turning and sliding joints that mimic no other joint, in document order."""
-    return [
-        name
-        for name, joint in urdf.joints.items()
-        if joint.get("type") in MOVING_TYPES and joint.find("mimic") is None
-    ]
 
 
 def find_structure(
@@ -169,15 +137,10 @@ def find_structure(
         _note("arm", side=side, joints=arm.joints, tip=arm.tip, by=f" ({arm.by})" if arm.by else "")
         for side, arm in arms.items()
     ]
-    carriers = _common([urdf.chain(arm.tip) for arm in arms.values()]) if len(arms) == 2 else []
-    chosen, more = _platform(urdf, carriers, platform)
-    frozen = _frozen_slides(urdf, arms, carriers, chosen)
-    more += [
-        _note("rail", name=slide.joint, side=slide.arm, place=1e3 * slide.position)
-        for slide in frozen
-        if slide.arm
-    ]
-    structure = Structure(arms, chosen, (*reasons, *more, *notes), frozen)
+    carriers = common([urdf.chain(arm.tip) for arm in arms.values()]) if len(arms) == 2 else []
+    firsts = {side: arm.joints[0] for side, arm in arms.items()}
+    chosen, held, more = find_platform(urdf, carriers, firsts, platform)
+    structure = Structure(arms, chosen, (*reasons, *more, *notes), held)
     _check_followers(urdf, structure)
     return structure
 
@@ -216,7 +179,7 @@ def _between(urdf: Urdf, ends: Mapping[str, ArmChain]) -> dict[str, ArmChain]:
     """Determine the joints that move only one arm's tip."""
     movable = set(moving(urdf))
     chains = {side: [n for n in urdf.chain(end.tip) if n in movable] for side, end in ends.items()}
-    carried = len(_common(list(chains.values()))) if len(chains) == 2 else 0
+    carried = len(common(list(chains.values()))) if len(chains) == 2 else 0
     arms = {}
     for side, end in ends.items():
         joints = _arm_part(urdf, chains[side][carried:])
@@ -242,73 +205,6 @@ def _check_followers(urdf: Urdf, structure: Structure) -> None:
                     f"{arm.by or f'{side} arm'}: link '{arm.tip}' is moved by joint '{name}', which mimics '{leader}'; "
                     f"arms with joints that follow others cannot be planned. Name a link before it with --{side}-tip"
                 )
-
-
-def _slides(urdf: Urdf) -> list[str]:
-    """List the sliding joints with limits that mimic no other joint."""
-    return [
-        name
-        for name in moving(urdf)
-        if urdf.joints[name].get("type") == "prismatic"
-        and all(map(math.isfinite, position_range(urdf.joints[name])))
-    ]
-
-
-def _frozen_slides(
-    urdf: Urdf, arms: Mapping[str, ArmChain], carriers: Sequence[str], platform: Sequence[str]
-) -> tuple[FrozenSlide, ...]:
-    """Find sliding joints kept fixed, which carry both arms or one directly."""
-    usable = set(_slides(urdf)).difference(platform)
-    sides = dict.fromkeys((name for name in carriers if name in usable), "")
-    for side, arm in arms.items():
-        before = [n for n in urdf.chain(arm.tip) if n in moving(urdf)]
-        place = before.index(arm.joints[0]) - 1
-        if place >= 0 and before[place] in usable and before[place] not in sides:
-            sides[before[place]] = side
-    return tuple(
-        FrozenSlide(name, nearest_to_zero(joint), *position_range(joint), side)
-        for name, side in sides.items()
-        for joint in (urdf.joints[name],)
-    )
-
-
-def _platform(
-    urdf: Urdf, carriers: list[str], requested: Sequence[str] | None
-) -> tuple[tuple[str, ...], list[Note]]:
-    """Select the joints of the platform, with the reasons."""
-    reasons: list[Note] = []
-    turning = [
-        n for n in carriers if n in moving(urdf) and urdf.joints[n].get("type") != "prismatic"
-    ]
-    if requested is not None:
-        for name in requested:
-            if name not in carriers:
-                carrier_names = ", ".join(carriers) or "none"
-                raise UsageError(
-                    f"--platform: '{name}' does not carry both arms; these do: {carrier_names}"
-                )
-        return tuple(n for n in carriers if n in requested), reasons
-    chosen = turning[-PLATFORM_JOINTS:]
-    if chosen:
-        reasons.append(_note("platform", joints=chosen))
-    lifts = [name for name in carriers if name in _slides(urdf)]
-    for name in lifts:
-        place = nearest_to_zero(urdf.joints[name])
-        reasons.append(_note("slide", name=name, place=1e3 * place))
-    fixed_joints = [name for name in carriers if name not in (*chosen, *lifts)]
-    if fixed_joints:
-        reasons.append(_note("fixed", joints=fixed_joints))
-    return tuple(chosen), reasons
-
-
-def _common(chains: list[list[str]]) -> list[str]:
-    """Find the joints with which all chains begin."""
-    prefix = []
-    for names in zip(*chains, strict=False):
-        if len(set(names)) > 1:
-            break
-        prefix.append(names[0])
-    return prefix
 
 
 def _arms_by_side(

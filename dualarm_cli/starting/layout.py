@@ -24,7 +24,13 @@ from dualarm_cli.model.shape import Shape
 from dualarm_cli.reachability.filling import Postures
 from dualarm_cli.reachability.proposed_tool import ProposedTool, with_tools
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
-from dualarm_cli.reachability.region import REGION, Region, heights_reached, region
+from dualarm_cli.reachability.region import (
+    REGION,
+    Region,
+    heights_reached,
+    platform_positions,
+    region,
+)
 from dualarm_cli.reachability.table_grid import TableGrid
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -418,7 +424,7 @@ def room_for_table(
 ) -> BoolArray:
     """Mark the nodes where a table clears the robot at home, shape (ny, nx).
 
-    A turning platform is checked at every angle.
+    A platform that moves between stages is checked at positions over its range.
 
     Args:
         cell: robot and tools.
@@ -432,13 +438,10 @@ def room_for_table(
     moved = {model.getJointId(joint) for arm in cell.robot.arms for joint in arm.joints}
     half = 0.5 * (x[1] - x[0] if len(x) > 1 else 0.0) + LAYOUT.room
     free = np.ones((len(y), len(x)), dtype=np.bool_)
-    for k, turn in enumerate(np.append(0.0, np.radians(np.arange(10.0, 360.0, 10.0)))):
-        q = np.array(home)
-        if k:
-            if not cell.robot.platform:
-                break
-            q[cell.robot.columns(cell.robot.platform)[0]] += turn
-        pin.forwardKinematics(model, data, in_model_order(model, cell.robot, q[None])[0])
+    turned = np.tile(home, (1 + len(places := platform_positions(cell)), 1))
+    turned[1:, cell.robot.columns(cell.robot.platform)] = places
+    for k, q in enumerate(in_model_order(model, cell.robot, turned)):
+        pin.forwardKinematics(model, data, q)
         for solid in solids:
             if solid.joint in moved and (k or not arms):
                 continue

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,27 +41,25 @@ class RobotSource:
         return f"robot: {self.reference}".replace(": \n", ":\n", 1)
 
 
-def robot_source(
-    robot: str | None, packages: Sequence[Path] = (), arguments: Mapping[str, str] | None = None
-) -> RobotSource:
+def robot_source(request: ImportRequest) -> RobotSource:
     """Find the robot of a new project.
 
     Args:
-        robot: a bundled robot's name, a folder, a robot file or a URDF; None for the default robot.
-        packages: folders of ROS packages, for a URDF.
-        arguments: values of xacro arguments by name, for a xacro file.
+        request: a URDF with the choices of its import; or a bundled robot's name, a folder or a robot file.
 
     Raises:
         InputError: its files are wrong.
         UsageError: there is no such robot, or its files are not all in one folder.
     """
     bundled = bundled_robots()
-    name = robot or "sda10f"
-    path = Path(name)
+    path, name = request.urdf, str(request.urdf)
     if name not in bundled and path.is_file() and path.suffix not in (".yaml", ".yml"):
-        return _imported(ImportRequest(path, packages=tuple(packages), arguments=arguments or {}))
-    if (packages or arguments) and (name in bundled or path.exists()):
-        raise UsageError("--package-dir and --xacro-arg: only a URDF or xacro file takes them")
+        return _imported(request)
+    if (name in bundled or path.exists()) and request != ImportRequest(path):
+        raise UsageError(
+            f"--robot {name}: only a URDF or xacro file takes options of the import, such as --package-dir, "
+            "--xacro-arg and --platform"
+        )
     if name in bundled:
         return RobotSource(name, {}, name)
     if path.is_dir():
@@ -72,7 +70,7 @@ def robot_source(
         return _pair(path.parent) if path.name == CELL_FILE else _robot_file(path)
     hint = did_you_mean(name, bundled)
     raise UsageError(
-        f"--robot {robot}: there is no such file or folder, and no bundled robot of that name{hint or ';'} bundled: "
+        f"--robot {name}: there is no such file or folder, and no bundled robot of that name{hint or ';'} bundled: "
         f"{', '.join(bundled)}"
     )
 

@@ -50,7 +50,8 @@ def imported(path: Path, **more: object) -> Imported:
 def test_arms_and_platform_are_those_that_people_wrote(name: str, tmp_path: Path) -> None:
     """Joints, flanges, sides, platform and kinds of the bundled robot files."""
     written = load_robot(name).robot
-    found = imported(urdf_of(name, tmp_path)).loaded.robot
+    both = written.platform if len(written.platform) > 1 else None
+    found = imported(urdf_of(name, tmp_path), platform=both).loaded.robot
     assert found.platform == written.platform
     for arm in written.arms:
         mine = found.arm(arm.name)

@@ -65,7 +65,7 @@ def test_two_urdfs_become_a_cell_whose_home_is_collision_free(urdfs: Path) -> No
     assert left_base[1] > right_base[1]
     assert _least_distance(cell) > 0.0
     # A new project takes the two robots over: a line of YAML each, without quotes and trailing blanks.
-    entry = robot_source("mine").entry
+    entry = robot_source(ImportRequest(Path("mine"))).entry
     assert entry.splitlines()[0] == "robot:"
     assert '"' not in entry
     written = yaml.safe_load((urdfs / "mine/cell.yaml").read_text())

@@ -47,7 +47,7 @@ def test_a_lift_of_both_arms_stands_and_its_comment_lets_it_move(tmp_path, slidi
     """Frozen at 0 by itself; as the comment says, and by the option, it is the platform; plans are verified."""
     sliding_robots.write_robot(tmp_path, {"lift": sliding_robots.LIFT})
     robot, text = imported(tmp_path)
-    assert "lift: slides and carries both arms; stands at 0 mm" in capsys.readouterr().err
+    assert "lift: slides and carries both arms; held at 0 mm" in capsys.readouterr().err
     assert robot.platform == ()
     assert not robot.sliding
     assert "frozen:" in text
@@ -88,7 +88,7 @@ def test_a_rail_of_one_arm_stands_and_may_be_its_first_joint(tmp_path, sliding_r
     printed = capsys.readouterr().err
     assert robot.platform == ("waist",)
     for side in ("left", "right"):
-        assert f"{side}_slide: slides and carries the {side} arm; stands at 0 mm; " in printed
+        assert f"{side}_slide: slides and carries the {side} arm; held at 0 mm; " in printed
         assert f"# it carries the {side} arm, -1000 to 1500 mm" in text
         assert f"name it first in the joints of the {side} arm" in text
         text = text.replace(f"joints: [{side}_1,", f"joints: [{side}_slide, {side}_1,")

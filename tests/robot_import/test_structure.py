@@ -179,6 +179,44 @@ def test_tips_of_one_arm_are_refused(
         import_with(urdf, tips=tips)
 
 
+def waist(*axes: str) -> str:
+    """Returns joints on one another below the link `base`, `waist1` with the first axis first; 0.1 to 0.5 rad."""
+    text = ""
+    for k, axis in enumerate(axes, 1):
+        parent, child = f"w{k}", "base" if k == len(axes) else f"w{k + 1}"
+        text += (
+            f'<link name="{parent}"/><joint name="waist{k}" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="0 0 0.1" rpy="0 0 1"/><axis xyz="{axis}"/>'
+            '<limit lower="0.1" upper="0.5" velocity="2" effort="1"/></joint>'
+        )
+    return text
+
+
+@pytest.mark.parametrize(
+    ("axes", "platform"),
+    [
+        (("0 0 1", "0 1 0", "1 0 0"), "waist1"),
+        (("0 1 0", "0 0 -1", "1 0 0"), "waist2"),
+        (("0 0 1", "0 1 0", "0 0 1"), "waist3"),
+        (("1 0 0", "0 1 0"), "waist2"),
+    ],
+)
+def test_the_vertical_joint_of_a_waist_is_the_platform(
+    axes: tuple[str, ...], platform: str, row: Row, write_rows: Write, import_with: Import
+) -> None:
+    """Of equal ones that nearest to the arms; the others are held at their least angle, 0.1 rad, and told."""
+    rows = [row("left_", 0.3), row("right_", -0.3)]
+    found = import_with(write_rows(*rows, more=waist(*axes)))
+    assert found.loaded.robot.platform == (platform,)
+    assert f"platform: {platform}: turns and carries both arms" in told(found)
+    file = found.files["robot.yaml"].decode()
+    for name in (f"waist{k}" for k in range(1, len(axes) + 1)):
+        assert (f"{name}: turns and carries both arms; held at 5.72958 deg" in told(found)) == (
+            name != platform
+        )
+        assert (f"  {name}: 5.72958 deg\n" in file) == (name != platform)
+
+
 def test_a_row_with_a_mimic_joint_is_told_and_the_other_arm_keeps_its_side(
     row: Row, write_rows: Write, import_with: Import
 ) -> None:

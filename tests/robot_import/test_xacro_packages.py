@@ -27,6 +27,7 @@ from dualarm_cli.robot_import.expanded_text import (
     program_notes,
     read_expanded,
 )
+from dualarm_cli.robot_import.importing import ImportRequest
 from dualarm_cli.starting.robot_source import robot_source
 from tests.robot_import.makers_xacro import (
     REFERENCE,
@@ -127,11 +128,11 @@ def test_arguments_are_named_with_their_defaults(
     assert f"{file}: arguments with which more joints move: bimanual:=true (6 more)" in lines
     defaults = f"{file}: arguments at their defaults: bimanual 'false', simulated 'true'; "
     assert any(line.startswith(defaults) for line in lines)
-    reasons = robot_source(file, (), {"bimanual": "true"}).reasons
+    reasons = robot_source(ImportRequest(Path(file), arguments={"bimanual": "true"})).reasons
     assert [r.split(":")[0] for r in reasons if " arm: " in r] == ["left arm", "right arm"]
     assert not any("bimanual" in reason for reason in reasons)
-    with pytest.raises(UsageError, match="only a URDF or xacro file takes them"):
-        robot_source("yumi", (), {"bimanual": "true"})
+    with pytest.raises(UsageError, match="only a URDF or xacro file takes options of the import"):
+        robot_source(ImportRequest(Path("yumi"), arguments={"bimanual": "true"}))
 
 
 def test_an_argument_that_is_missing_or_unknown_is_named(tmp_path: Path) -> None:

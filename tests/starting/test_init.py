@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
 from jsonschema import Draft202012Validator
@@ -16,6 +17,9 @@ from dualarm_cli.files.source.bundled import bundled_robots, robots_folder
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.model.cell import Cell, Tool
+from dualarm_cli.model.robot import Arm, JointLimits, Robot
+from dualarm_cli.starting.layout import LAYOUT, room_for_table
 from tests.checked_files import check_file
 
 ROOT = Path(__file__).parents[2]
@@ -243,3 +247,45 @@ def test_arms_on_rails_work_on_their_own_sides(sliding_robots):
         for arm in ("left", "right")
     }
     assert min(y["left"]) > max(y["right"])
+
+
+def column(*names):
+    """Returns a robot with a platform of these joints, up to 30° each way, a box 0.2 to 0.6 m before it; a bare arm."""
+    text = '<robot name="column"><link name="base"/>'
+    parent = "base"
+    for name, axis in (("yaw", "0 0 1"), ("pitch", "0 1 0")):
+        kind = "revolute" if name in names else "fixed"
+        text += (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}_link"/>'
+            f'<axis xyz="{axis}"/><limit lower="-0.5236" upper="0.5236" velocity="1" effort="1"/></joint>'
+            f'<link name="{name}_link">'
+        )
+        parent = f"{name}_link"
+        text += "</link>" if name == "yaw" else ""
+    box = '<collision><origin xyz="0.4 0 0"/><geometry><box size="0.4 0.1 0.1"/></geometry></collision>'
+    arm = "".join(
+        f'<joint name="arm{k}" type="revolute"><parent link="{"arm" if k else "base"}{k or ""}"/>'
+        f'<child link="arm{k + 1}"/><origin xyz="0 0 0.1"/><axis xyz="{axis}"/>'
+        f'<limit lower="-1" upper="1" velocity="1" effort="1"/></joint><link name="arm{k + 1}"/>'
+        for k, axis in enumerate(("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1"))
+    )
+    joints = tuple(f"arm{k}" for k in range(6))
+    rows = np.full(len(names) + 6, 0.5235987755982988)
+    limits = JointLimits((*names, *joints), -rows, rows, rows, rows, rows, ("assumed",) * len(rows))
+    arms = (Arm("left", joints, "arm6", "general"),)
+    return Robot("column", f"{text}{box}</link>{arm}</robot>", names, arms, limits)
+
+
+@pytest.mark.parametrize(("names", "most"), [(("yaw",), 0.3433), (("yaw", "pitch"), 0.05)])
+def test_a_table_leaves_the_room_that_the_platform_may_take(names, most):
+    """At 30° the corner of the box is at y = 0.6 sin 30° + 0.05 cos 30°; a platform of two joints is held.
+
+    In both cases nothing is ever behind the axis, and a table keeps 30 mm and half a node away.
+    """
+    y = np.arange(-0.6, 0.6, 0.01) + 0.005
+    tools = {"left": Tool(pin.SE3.Identity())}
+    cell = Cell(column(*names), pin.SE3.Identity(), tools, {}, ())
+    free = room_for_table(cell, y, y, (-0.01, 0.01), arms=True)
+    assert free[:, y < 0.0].all()
+    taken = np.abs(y[~free.all(axis=1)])
+    assert abs(taken.max() - (most + LAYOUT.room + 0.005)) < 0.0101

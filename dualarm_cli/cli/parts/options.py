@@ -55,6 +55,37 @@ XacroArgOption = Annotated[
     ),
 ]
 
+SrdfOption = Annotated[
+    Path | None, typer.Option("--srdf", help="SRDF: groups, postures and contacts.")
+]
+JointLimitsOption = Annotated[
+    Path | None, typer.Option("--joint-limits", help="MoveIt's joint_limits.yaml.")
+]
+LeftTipOption = Annotated[
+    str,
+    typer.Option(
+        "--left-tip",
+        help="Link that the left arm's tool is bolted to; none if there is no left arm.",
+    ),
+]
+RightTipOption = Annotated[
+    str,
+    typer.Option(
+        "--right-tip",
+        help="Link that the right arm's tool is bolted to; none if there is no right arm.",
+    ),
+]
+PlatformJointOption = Annotated[
+    list[str] | None, typer.Option("--platform", help="A joint that carries both arms.")
+]
+ConvexPartsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--convex-parts",
+        help="A link whose meshes become several convex parts instead of one hull (extra `coacd`).",
+    ),
+]
+
 SOLVERS = {
     "method": "sequence, minimum_time, fixed, exact, linearised",
     "redundancy": "arm_angle, numeric",
