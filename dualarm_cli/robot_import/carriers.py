@@ -1,4 +1,4 @@
-"""Joints that carry both arms: the platform, and those of waists, lifts and rails that are held."""
+"""Platform of a robot, and held joints of waists, lifts and rails."""
 
 from __future__ import annotations
 
