@@ -249,6 +249,8 @@ class SequenceSettings:
     beam_repeats: int = 12
     """Maximum number of beams, each without nodes whose lines were infeasible."""
 
+    first_scan_step: float = float(np.radians(12.0))
+    """Spacing of the platform angles that all stages of a long sequence try before the search [rad]."""
     scan_step: float = float(np.radians(1.0))
     """Spacing of the platform angles scanned for a stage [rad]."""
     scan_rounds: int = 4

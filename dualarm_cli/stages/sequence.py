@@ -27,9 +27,10 @@ from dualarm_cli.stages.plans.times import (
     start_joints,
 )
 from dualarm_cli.stages.search.search import SequenceResult, search, search_in_parts, search_near
+from dualarm_cli.stages.search.shared_angles import stages_apart
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
-from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
+from dualarm_cli.stages.stage_by_stage import check_stages, choose_stages, choose_stages_with
 
 
 def decisions_of(problem: SequenceProblem, model: CellModel, stages: list[StagePlan]) -> Decisions:
@@ -148,10 +149,10 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     model, job = problem.model, problem.job
     numbers = _numbers(problem)
     spares = problem.settings.spares
-    long = numbers.stages >= numbers.settings.in_parts and not numbers.returns
+    long_sequence = numbers.stages >= numbers.settings.in_parts
     # For arms without an arm angle greedy plans take as long as the search: use them only if it fails.
     general = not problem.model.has_arm_angles
-    in_parts = spares and not general and long
+    in_parts = spares and not general and long_sequence and not numbers.returns
     short = numbers.stages <= SCALING.short and numbers.launches is not None
     if problem.without_margin is not None and (in_parts or short):
         # Plans with a margin are candidates of the search with the robot's limits.
@@ -181,6 +182,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         return [decisions_of(numbers, model, stages) for stages in starts.values()]
 
     decided = [] if problem.start is None else [problem.start]
+    if long_sequence and not general and not decided and problem.holding is None:
+        check_stages(problem, stages_apart(numbers))
     result = None
     if in_parts and problem.holding is None:
         result = search_in_parts(numbers, decided, problem.effort, problem.seed)

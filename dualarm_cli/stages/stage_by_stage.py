@@ -12,8 +12,10 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures.clear_postures import StageCollisionTest
 from dualarm_cli.postures.stage_plan import StagePlan, giver_and_taker
 from dualarm_cli.postures.stage_problems import Clock
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME, choose_quickest
+from dualarm_cli.stages.serving import FIXED
 from dualarm_cli.stages.stage_choice import OpenStage, choose_stage
 from dualarm_cli.timing.stage_length import stage_length
 
@@ -83,6 +85,27 @@ def choose_stages_with(
         if job.returns and stages:
             stages.append(_return(model, clock, stages))
     return {name: failures.get(name, plans[name]) for name in platforms}
+
+
+def check_stages(problem: MethodProblem, stages: Sequence[int]) -> None:
+    """Refuse stages that cannot be made even by themselves.
+
+    Args:
+        problem: the job and its redundancy solver.
+        stages: their numbers.
+
+    Raises:
+        InfeasibleError: a stage has no postures, with the place of its tasks.
+    """
+    clock, work = Clock.of(problem.model, problem.job), problem.job.stages()
+    position, refusals = np.array(problem.job.start_joints), list[Refusal]()
+    for k in stages:
+        stage = OpenStage(problem.model, clock, work[k], False, None, problem.redundancy)
+        [plan] = choose_stage(stage, {FIXED: position}).values()
+        if isinstance(plan, InfeasibleError):
+            refusals += plan.refusals
+    if refusals:
+        raise InfeasibleError(*refusals)
 
 
 def _starting_there(plan: StagePlan) -> StagePlan:

@@ -12,6 +12,7 @@ import pytest
 
 from dualarm_cli.collision.clearance import SLACK, CellClearance
 from dualarm_cli.effort.stages import Mesh
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
@@ -26,13 +27,12 @@ from dualarm_cli.stages.search import beam, exact_stages
 from dualarm_cli.stages.search.exact_stages import (
     ExactStages,
     exact_nodes,
-    shared_intervals,
-    spread,
 )
 from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
 from dualarm_cli.stages.search.search import SequenceResult, search, search_near
+from dualarm_cli.stages.search.shared_angles import shared_intervals, spread, stages_apart
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
 
@@ -132,6 +132,30 @@ def test_an_overlap_that_is_narrower_than_any_grid_is_found(packing: Job, width_
     [(found_low, found_high)] = shared_intervals(problem, 1, WHOLE)
     assert found_low == pytest.approx(low, abs=1e-4)
     assert found_high == pytest.approx(high, abs=1e-4)
+
+
+def test_stages_that_no_angle_serves_are_listed(packing: Job) -> None:
+    """The arms' angles of the second stage overlap by half a degree, or miss one another by as much."""
+    for width_deg, apart in ((0.5, []), (-0.5, [1])):
+        assert stages_apart(problem_of(narrow(packing, np.radians(width_deg))[0])) == apart
+
+
+def test_an_impossible_stage_among_many_is_refused_before_any_search(
+    packing: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stage 38 of 50: its two tasks are named, and nothing is searched."""
+    job, _ = narrow(packing, np.radians(-0.5))
+    easy, tight, _ = (
+        {task.arm: task.stops[0].target.pose for task in work}
+        for work in zip(job.tasks[:3], job.tasks[3:], strict=True)
+    )
+    for name in ("search", "search_in_parts"):
+        monkeypatch.setattr(sequence, name, lambda *_: pytest.fail("a search"))
+    with pytest.raises(InfeasibleError) as refused:
+        plan_without_bound(
+            stage_job(job, [*[easy] * 37, tight, *[easy] * 12]), PlanSettings(effort="quick")
+        )
+    assert {refusal.task for refusal in refused.value.refusals} == {"left-37", "right-37"}
 
 
 @pytest.mark.parametrize("width_deg", [0.5, 0.02])

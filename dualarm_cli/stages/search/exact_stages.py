@@ -2,72 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import field, replace
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import TURN
-from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals
-from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import (
     Grid,
     Nodes,
-    flange_poses,
-    platform_positions,
     thinned,
 )
 from dualarm_cli.stages.plans.problem import ArmDecisions, SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, postures
 from dualarm_cli.stages.search.potentials import ArmLayers, layer_of
-
-Interval = tuple[float, float]
-
-
-def shared_intervals(problem: SequenceProblem, stage: int, around: Interval) -> list[Interval]:
-    """Find the platform angles from which all arms reach their stops of a stage.
-
-    Exact over arm angle and reach. If limits decide, every interval wider than the scan step is found, with exact ends;
-    so are the intervals that two arms share, however narrow.
-
-    Args:
-        problem: the sequence; its platform turns.
-        stage: its number.
-        around: lowest and highest platform angle [rad].
-
-    Returns:
-        Lowest and highest angles, ascending [rad].
-    """
-    shared = [around]
-    for a, work in enumerate(problem.arms):
-        if work.stops[stage] is None:
-            continue
-        arm_intervals = _intervals(problem, a, stage, around)
-        both = [(max(p[0], q[0]), min(p[1], q[1])) for p in shared for q in arm_intervals]
-        shared = sorted((low, high) for low, high in both if low <= high)
-    return shared
-
-
-def spread(intervals: Sequence[Interval], count: int) -> FloatArray:
-    """Spread a number of angles over intervals, ascending [rad], shape (c,)."""
-    if not intervals:
-        return np.zeros(0)
-    widest = sorted(intervals, key=lambda interval: interval[0] - interval[1])[:count]
-    width = np.array([high - low for low, high in widest])
-    spare = count - len(widest)
-    shares = width / max(float(width.sum()), 1e-12)
-    numbers = 1 + np.floor(spare * shares).astype(np.int64)
-    return np.sort(
-        np.concatenate(
-            [
-                low + (high - low) * (np.arange(n) + 0.5) / n
-                for (low, high), n in zip(widest, numbers.tolist(), strict=True)
-            ]
-        )
-    )
+from dualarm_cli.stages.search.shared_angles import (
+    Interval,
+    arm_angle_intervals,
+    scanned_yaws,
+    shared_intervals,
+    spread,
+)
 
 
 def exact_nodes(
@@ -88,10 +46,10 @@ def exact_nodes(
     if stop.configurations is not None or not work.kinematics.has_arm_angle:
         grid = Grid(angles, problem.settings.scan_arm_angles, most)
         return grid_nodes(problem, a, stage, grid)
-    yaws = _yaws(problem, a, stage)
+    yaws = scanned_yaws(problem, a, stage)
     f = np.repeat(np.arange(len(angles)), len(yaws))
     yaw = np.tile(yaws, len(angles))
-    intervals = _intervals_of_arm_angles(problem, a, stage, angles[f], yaw)
+    intervals = arm_angle_intervals(problem, a, stage, angles[f], yaw)
     first, last = intervals.start[:, 0], intervals.end[:, 0]
     shares = problem.settings.interval_shares
     m, branch, k = (np.repeat(x, len(shares)) for x in np.nonzero(np.isfinite(first)))
@@ -124,129 +82,6 @@ def exact_nodes(
         stop.free_yaw and work.yaw_turns_last_joint,
     )
     return thinned(nodes, most)
-
-
-def _yaws(problem: SequenceProblem, a: int, stage: int) -> FloatArray:
-    stop = problem.arms[a].stops[stage]
-    assert stop is not None
-    if stop.free_yaw:
-        return np.linspace(-np.pi, np.pi, problem.settings.scan_yaws, endpoint=False)
-    return stop.yaw
-
-
-def _poses(
-    problem: SequenceProblem,
-    a: int,
-    stage: int,
-    angles: FloatArray,
-    yaw: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Compute target, approach and retract poses, (m, 1, 3, 3), (m, 3, 3).
-
-    They are poses of the flange.
-    """
-    table = problem.arms[a].stop_table
-    work = problem.arms[a]
-    row = np.full(len(angles), table.first[stage])
-    R, p, z = flange_poses(problem.platform, work, row, yaw, platform_positions(problem, angles))
-    depths = np.array([0.0, table.approach[stage], table.retract[stage]])
-    return R[:, None], p[:, None, :] - z[:, None, :] * depths[:, None]
-
-
-def _intervals_of_arm_angles(
-    problem: SequenceProblem,
-    a: int,
-    stage: int,
-    angles: FloatArray,
-    yaw: FloatArray,
-) -> ArmAngleIntervals:
-    """Compute feasible arm angles at target, approach and retract, arrays (m, 3, 8, k)."""
-    R, points = _poses(problem, a, stage, angles, yaw)
-    return problem.arms[a].closed_form.feasible_arm_angles(R, points)
-
-
-def _intervals(problem: SequenceProblem, a: int, stage: int, around: Interval) -> list[Interval]:
-    """Find the platform angles from which one arm reaches its stop [rad]."""
-    stop = problem.arms[a].stops[stage]
-    if stop is None or stop.configurations is not None:
-        # Given configurations turn with the platform: reach does not depend on its angle.
-        return [around]
-
-    settings = problem.settings
-
-    def has_nodes(angles: FloatArray) -> BoolArray:
-        grid = Grid(angles, settings.scan_arm_angles, settings.every_node)
-        nodes = grid_nodes(problem, a, stage, grid)
-        return np.bincount(nodes.angle_index, minlength=len(angles)) > 0
-
-    if not problem.arms[a].kinematics.has_arm_angle:
-        step = problem.platform.spacing(settings.coarse_scan_step, *around)
-        angles = np.append(np.arange(*around, step), around[1])
-        return _runs(angles, has_nodes, settings.coarse_scan_rounds)
-    yaws = _yaws(problem, a, stage)
-
-    def feasible(angles: FloatArray) -> BoolArray:
-        yaw = np.tile(yaws, len(angles))
-        at = np.repeat(angles, len(yaws))
-        intervals = _intervals_of_arm_angles(problem, a, stage, at, yaw)
-        # On one branch all along the lines, at any yaw.
-        branches = np.all(intervals.count > 0, axis=1)
-        return np.asarray(branches.reshape(len(angles), -1).any(axis=1))
-
-    angles = np.arange(*around, problem.platform.spacing(settings.scan_step, *around))
-    arcs = _arcs(problem, a, stage, yaws, around)
-    angles = distinct(np.concatenate([angles, [around[1]], *arcs]))
-    return _runs(angles, feasible, settings.scan_rounds)
-
-
-def _arcs(
-    problem: SequenceProblem,
-    a: int,
-    stage: int,
-    yaws: FloatArray,
-    around: Interval,
-) -> list[FloatArray]:
-    """Sample platform angles at which a stop's points are within reach [rad]."""
-    R, points = _poses(problem, a, stage, np.zeros(len(yaws)), yaws)
-    arm = problem.arms[a].closed_form
-    angles, count = [], problem.settings.angles_in_reach
-    for wrists in arm.wrist_center(R, points):
-        arcs = [around]
-        for wrist in wrists:
-            if problem.platform.is_rail:
-                reachable = reachable_spans(arm, wrist)
-            else:
-                cells = reachable_cells(arm, wrist, np.array(around))
-                reachable = list(zip(cells.low.tolist(), cells.high.tolist(), strict=True))
-            arcs = [(max(p[0], q[0]), min(p[1], q[1])) for q in reachable for p in arcs]
-        angles += [np.linspace(*arc, count) for arc in arcs if arc[0] <= arc[1]]
-    return angles
-
-
-def _runs(
-    angles: FloatArray, feasible: Callable[[FloatArray], BoolArray], rounds: int
-) -> list[Interval]:
-    """Refine the intervals of feasibility among ascending angles (n,)."""
-    ok = feasible(angles)
-    if not ok.any():
-        return []
-    begins = np.flatnonzero(ok & ~np.append(False, ok[:-1]))
-    ends = np.flatnonzero(ok & ~np.append(ok[1:], False))
-    # Between an angle that is feasible and its neighbour that is not.
-    inner = np.concatenate([angles[begins], angles[ends]])
-    outer = np.concatenate(
-        [angles[np.maximum(begins - 1, 0)], angles[np.minimum(ends + 1, len(angles) - 1)]]
-    )
-    parts, rows = 32, np.arange(len(inner))
-    fraction = np.arange(parts + 1) / parts
-    for _ in range(rounds):
-        between = inner[:, None] + fraction * (outer - inner)[:, None]
-        within = feasible(between[:, 1:].ravel()).reshape(len(inner), parts)
-        # The last one before the first that is not; where all are, the outer end is no end.
-        last = np.where(within.all(axis=1), parts, within.argmin(axis=1))
-        inner, outer = between[rows, last], between[rows, np.minimum(last + 1, parts)]
-    low, high = np.split(inner, 2)
-    return list(zip(low.tolist(), high.tolist(), strict=True))
 
 
 def _nearest(psi: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
