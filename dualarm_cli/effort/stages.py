@@ -250,7 +250,7 @@ class SequenceSettings:
     """Maximum number of beams, each without nodes whose lines were infeasible."""
 
     first_scan_step: float = float(np.radians(12.0))
-    """Spacing of the platform angles that all stages of a long sequence try before the search [rad]."""
+    """Spacing of the platform angles that long sequences try first [rad]."""
     scan_step: float = float(np.radians(1.0))
     """Spacing of the platform angles scanned for a stage [rad]."""
     scan_rounds: int = 4
