@@ -84,9 +84,9 @@ def _instants(carried: Mapping[str, Any], frames: FloatArray) -> FloatArray:
     """
     steps = carried["keyframes"]
     ends = np.array([*(step["time"] for step in steps), frames[-1]])
-    carried = [step["body"] != WORLD_BODY for step in steps]
+    is_carried = np.array([step["body"] != WORLD_BODY for step in steps])
     index = np.clip(np.searchsorted(ends[:-1], frames, side="right") - 1, 0, None)
-    instants = np.union1d(frames[np.array(carried)[index]], np.append(ends, frames[0]))
+    instants = np.union1d(frames[is_carried[index]], np.append(ends, frames[0]))
     instants = instants[instants <= frames[-1]]
     return instants[_distinct(instants)]
 

@@ -45,7 +45,7 @@ _PAGE = """<html lang="en">
 h1 {{ font-size: 22px; margin: 4px 0 }}
 p {{ margin: 4px 0 }}
 td:last-child {{ min-width: 20rem }}
-main {{ margin-top: 12px; overflow-x: auto }}
+main {{ margin-top: 12px }}
 td, th {{ border-bottom: 1px solid #8884; padding: 3px 10px; overflow-wrap: break-word }}
 th {{ position: sticky; top: 0; background: Canvas; white-space: nowrap }}
 table {{ margin-bottom: 16px }}

@@ -24,8 +24,10 @@ from dualarm_cli.report.comparison.comparison import (
 
 TIME_TOLERANCE = 0.0005
 """Time tolerance of equally long stages [s]."""
-MIN_WIDTH = 1100
-"""Minimum width of one plan's page [CSS pixels]."""
+MIN_WIDTH = 720
+"""Width to which a plan's page is zoomed out beside another plan [CSS pixels]."""
+NARROW = 700
+"""Width of windows up to which plans are below each other [CSS pixels]."""
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -39,13 +41,20 @@ header {{ grid-column: 1 / 3; padding: 6px 12px; max-height: 34vh; overflow: aut
 p {{ margin: 4px 0 }}
 iframe {{ width: 100%; height: 100%; border: 0 }}
 iframe:only-of-type {{ grid-column: 1 / 3 }}
+@media (max-width: {narrow}px) {{
+  body {{ height: auto; grid-template: none / minmax(0, 1fr) }}
+  header, iframe:only-of-type {{ grid-column: 1 }}
+  header {{ max-height: none }}
+  td:last-child {{ min-width: 16rem }}
+  iframe {{ height: 88vh; height: 88svh; border-top: 4px solid #8884 }}
+}}
 tr[tabindex] {{ cursor: pointer }}
 tr[tabindex]:hover {{ background: color-mix(in srgb, currentColor 12%, transparent) }}
 tr.left > :first-child::before {{ content: "◧ " }}
 tr.right > :first-child::before {{ content: "◨ " }}
 tr.left, tr.right, tr.alone {{ background: color-mix(in srgb, currentColor 8%, transparent) }}
 #axis {{ display: block; width: 100%; margin-top: 6px; cursor: crosshair }}
-#axis text {{ font-size: 11px; fill: currentColor }}
+#axis text {{ font-size: 0.78rem; fill: currentColor }}
 #axis rect {{ fill: #aab3bf }}
 #axis .wait {{ fill: #8a94a155 }}
 #axis .pick {{ fill: #07c679 }}
@@ -94,10 +103,12 @@ function open(numbers) {{
   draw();
 }}
 
-const WIDTH = 1200, LEFT = 118, ROW = 13;
+const size = parseFloat(getComputedStyle(document.documentElement).fontSize) / 14;
+const LEFT = 118 * size, ROW = 13 * size;
+let width = 0;
 const axis = document.getElementById("axis");
 const longest = () => Math.max(...frames.map((one) => one.data.duration));
-const along = (at) => LEFT + ((WIDTH - LEFT - 12) * at) / longest();
+const along = (at) => LEFT + ((width - LEFT - 12) * at) / longest();
 const add = (tag, properties, text = "", parent = axis) => {{
   const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
   Object.entries(properties).forEach(([name, value]) => node.setAttribute(name, value));
@@ -114,29 +125,30 @@ function family({{ kind, action }}) {{
 /** Draws what the arms of the shown plans do, below each other on one time axis. */
 function draw() {{
   axis.replaceChildren();
-  let y = 14;
-  const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500].find((length) => longest() / length <= 16) ?? 1000;
+  width = axis.clientWidth;
+  let y = ROW + 1;
+  const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500].find((length) => longest() / length <= width / (70 * size)) ?? 1000;
   for (let at = 0; at <= longest() + 1e-9; at += step) {{
-    add("text", {{ x: along(at), y: 9, "text-anchor": "middle" }}, String(Number(at.toFixed(1))));
+    add("text", {{ x: along(at), y: 0.7 * ROW, "text-anchor": "middle" }}, String(Number(at.toFixed(1))));
   }}
   frames.forEach(({{ data: {{ segments = [], duration, title }} }}, k) => {{
-    add("text", {{ x: 0, y: y + ROW - 3 }}, `${{frames.length > 1 ? "◧◨"[k] : ""}} ${{duration.toFixed(3)}} s`.trim());
+    add("text", {{ x: 0, y: y + 0.75 * ROW }}, `${{frames.length > 1 ? "◧◨"[k] : ""}} ${{duration.toFixed(3)}} s`.trim());
     for (const arm of new Set(segments.map((segment) => segment.arm))) {{
-      add("text", {{ x: LEFT - 6, y: y + ROW - 3, "text-anchor": "end" }}, arm);
+      add("text", {{ x: LEFT - 6, y: y + 0.75 * ROW, "text-anchor": "end" }}, arm);
       for (const segment of segments.filter((row) => row.arm === arm)) {{
         const kind = family(segment), low = kind === "" || kind === "wait";
-        const width = Math.max(along(segment.end) - along(segment.start) - 0.5, 0.5);
-        const [top, height] = low ? [y + 5, ROW - 7] : [y, ROW - 2];
-        const bar = add("rect", {{ x: along(segment.start), width, y: top, height, class: kind }});
+        const length = Math.max(along(segment.end) - along(segment.start) - 0.5, 0.5);
+        const [top, height] = low ? [y + 0.4 * ROW, 0.45 * ROW] : [y, 0.85 * ROW];
+        const bar = add("rect", {{ x: along(segment.start), width: length, y: top, height, class: kind }});
         add("title", {{}}, `${{title}}: ${{arm}}, ${{segment.kind}} ${{segment.task}}`, bar);
       }}
       y += ROW;
     }}
-    add("line", {{ x1: along(duration), x2: along(duration), y1: 10, y2: y }});
+    add("line", {{ x1: along(duration), x2: along(duration), y1: 0.8 * ROW, y2: y }});
     y += 4;
   }});
-  axis.setAttribute("viewBox", `0 0 ${{WIDTH}} ${{y}}`);
-  add("line", {{ class: "cursor", y1: 10, y2: y }});
+  axis.setAttribute("viewBox", `0 0 ${{width}} ${{y}}`);
+  add("line", {{ class: "cursor", y1: 0.8 * ROW, y2: y }});
   mark();
 }}
 
@@ -147,18 +159,20 @@ function mark() {{
 }}
 axis.addEventListener("click", (event) => {{
   const box = axis.getBoundingClientRect();
-  const at = ((event.clientX - box.left) / box.width) * WIDTH;
-  time = Math.min(Math.max((at - LEFT) / (WIDTH - LEFT - 12), 0), 1) * longest();
+  time = Math.min(Math.max((event.clientX - box.left - LEFT) / (width - LEFT - 12), 0), 1) * longest();
   if (frames.every((one) => clock(one)?.ready)) frames.forEach((one) => show(one, time));
   mark();
 }});
 
-/** Zooms pages out that are narrower than their minimum width. */
+/** Zooms pages out that stand narrowly beside each other, and in as far as the text of this page grows. */
 function fit() {{
-  const size = Math.min(1, innerWidth / frames.length / {narrowest});
-  frames.forEach((one) => (one.frame.style.zoom = size));
+  const zoom = innerWidth > {narrow} ? Math.min(size, innerWidth / frames.length / {narrowest}) : 1;
+  frames.forEach((one) => (one.frame.style.zoom = zoom));
 }}
-addEventListener("resize", fit);
+addEventListener("resize", () => {{
+  fit();
+  draw();
+}});
 
 const clock = (one) => one.frame.contentWindow.dualarm;
 const show = (one, at) => {{
@@ -266,6 +280,7 @@ def side_by_side(
         ),
         "first": script_json(list(first)),
         "narrowest": MIN_WIDTH,
+        "narrow": NARROW,
     }
     return _PAGE.format(**words).encode("utf-8", "backslashreplace")
 

@@ -11,10 +11,15 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.report.printable import printable
 
 STYLE = """\
-:root { color-scheme: light dark; font: 14px/1.4 system-ui, sans-serif }
+:root { color-scheme: light dark; font: clamp(14px, min(0.73vw, 1.3vh), 32px)/1.4 system-ui, sans-serif }
 :root { --good: #1a7f5a; --warn: #8a5a00; --bad: #c0392b }
 @media (prefers-color-scheme: dark) { :root { --good: #6fd3ab; --warn: #e8b84a; --bad: #ff8f80 } }
 * { box-sizing: border-box }
+.scroll { overflow-x: auto; background:
+  linear-gradient(to right, Canvas 50%, transparent) 0 0 / 24px 100% no-repeat local,
+  linear-gradient(to left, Canvas 50%, transparent) 100% 0 / 24px 100% no-repeat local,
+  linear-gradient(to right, #8888, transparent) 0 0 / 8px 100% no-repeat,
+  linear-gradient(to left, #8888, transparent) 100% 0 / 8px 100% no-repeat }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 caption { text-align: left; font-weight: 600; padding: 6px 0 2px }
 th, td { padding: 1px 10px; text-align: left; vertical-align: top; white-space: pre-line }
@@ -74,7 +79,7 @@ def table_html(table: PageTable) -> str:
     rows = "\n".join(_row(row, table.columns) for row in table.rows)
     note = f"<p>{text_html(table.note)}</p>\n" if table.note else ""
     whole = f"{title}\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody>"
-    return f"<table>{whole}</table>\n{note}"
+    return f'<div class="scroll"><table>{whole}</table></div>\n{note}'
 
 
 def _row(row: PageRow, columns: Sequence[tuple[str, bool]]) -> str:

@@ -25,7 +25,13 @@ try {
   await tab.mouse.click(box.x + middle * box.width, box.y + box.height / 2);
   await tab.waitForTimeout(200);
   const times = await tab.evaluate(() => [...document.querySelectorAll("iframe")].map((frame) => frame.contentWindow.dualarm.time));
-  console.log(JSON.stringify({ ...seen, times, errors }));
+  await tab.setViewportSize({ width: 390, height: 844 });
+  await tab.waitForTimeout(500);
+  const narrow = await tab.evaluate(() => {
+    const frames = [...document.querySelectorAll("iframe")].map((frame) => frame.getBoundingClientRect());
+    return { scrolled: document.documentElement.scrollWidth - innerWidth, widths: frames.map(({ width }) => width), below: frames[1].top - frames[0].bottom };
+  });
+  console.log(JSON.stringify({ ...seen, times, errors, narrow }));
 } finally {
   await browser.close();
 }

@@ -185,6 +185,10 @@ def test_two_plans_share_one_time_axis(
     assert seen["errors"] == []
     durations = [plan.schedule["duration"] for plan in plans]
     assert seen["bars"] == sum(len(plan.schedule["segments"]) for plan in plans)
+    narrow = seen["narrow"]
+    assert narrow["scrolled"] <= 0
+    assert narrow["widths"] == [390.0, 390.0]
+    assert narrow["below"] >= 0.0
     (long, short), start = seen["ends"], seen["start"]
     assert (short - start) / (long - start) == pytest.approx(durations[1] / durations[0], abs=1e-6)
     clicked = durations[0] / 2.0
