@@ -127,12 +127,14 @@ function draw() {{
   axis.replaceChildren();
   width = axis.clientWidth;
   let y = ROW + 1;
-  const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500].find((length) => longest() / length <= width / (70 * size)) ?? 1000;
+  const steps = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+  const step = steps.find((length) => longest() / length <= width / (70 * size)) ?? 2000;
   for (let at = 0; at <= longest() + 1e-9; at += step) {{
     add("text", {{ x: along(at), y: 0.7 * ROW, "text-anchor": "middle" }}, String(Number(at.toFixed(1))));
   }}
   frames.forEach(({{ data: {{ segments = [], duration, title }} }}, k) => {{
-    add("text", {{ x: 0, y: y + 0.75 * ROW }}, `${{frames.length > 1 ? "◧◨"[k] : ""}} ${{duration.toFixed(3)}} s`.trim());
+    const mark = frames.length > 1 ? "◧◨"[k] : "";
+    add("text", {{ x: 0, y: y + 0.75 * ROW }}, `${{mark}} ${{duration.toFixed(3)}} s`.trim());
     for (const arm of new Set(segments.map((segment) => segment.arm))) {{
       add("text", {{ x: LEFT - 6, y: y + 0.75 * ROW, "text-anchor": "end" }}, arm);
       for (const segment of segments.filter((row) => row.arm === arm)) {{
