@@ -25,9 +25,9 @@ from dualarm_cli.report.comparison.comparison import (
 TIME_TOLERANCE = 0.0005
 """Time tolerance of equally long stages [s]."""
 MIN_WIDTH = 720
-"""Width to which a plan's page is zoomed out beside another plan [CSS pixels]."""
+"""Minimum width of a plan's page before it is zoomed out [CSS pixels]."""
 NARROW = 700
-"""Width of windows up to which plans are below each other [CSS pixels]."""
+"""Maximum window width of the layout with one column [CSS pixels]."""
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -166,7 +166,7 @@ axis.addEventListener("click", (event) => {{
   mark();
 }});
 
-/** Zooms pages out that stand narrowly beside each other, and in as far as the text of this page grows. */
+/** Zooms pages out in narrow columns, and in with the text of this page. */
 function fit() {{
   const zoom = innerWidth > {narrow} ? Math.min(size, innerWidth / frames.length / {narrowest}) : 1;
   frames.forEach((one) => (one.frame.style.zoom = zoom));
