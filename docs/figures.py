@@ -6,7 +6,8 @@ Without a step all are done, in this order:
 
 - `table`: the plans of `PLANS` are made. Their numbers are written to `docs/figures.json`.
 - `drawings`: the commands of `DRAWINGS` draw the figures in `docs`.
-- `screens`: Chromium takes a picture of the page of each plan, into `docs/pictures`.
+- `screens`: Chromium takes a picture of the page of each plan, and the README's picture, into `docs/pictures`.
+- `hero`: the README's picture alone; not part of a whole run.
 - `pages`: the table's numbers are written into the pages, wherever a comment names one.
 - `outputs`: the commands of all pages run, and the outputs below them get their numbers. This takes long.
 - `check`: all of `PLANS` are made, and the table is compared with them. Nothing is written; not part of a whole run.
@@ -19,6 +20,7 @@ the text `dualarm` of the PNG.
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import resource
@@ -28,6 +30,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +134,14 @@ DRAWINGS = {
 """Figures of the docs: the command of a page that draws each, and the file that it writes."""
 MOMENTS = {"10_seam": 0.45, "13_hand_over": 0.3}
 """Instant of a screen picture as a share of the cycle; a third for all others."""
+HERO = "04_packing"
+"""Job of the README's picture."""
+HERO_MOMENT = 0.235
+"""Instant of the README's picture as a share of the cycle: both arms at their cartons."""
+HERO_SIZE = (3840, 2400)
+"""Width and height of the view that it is cut from [pixels]."""
+HERO_CUT = (0.205, 0.03, 0.765, 0.56)
+"""Left, upper, right and lower edge of the cut as shares of the view: the robot and its work."""
 SIZE = (1280, 800)
 """Width and height of screen pictures [pixels]."""
 BROWSER = (
@@ -223,8 +234,8 @@ def drawn_row(figure: str) -> str | None:
     return commands.get(command.replace("tasks/", "").replace("/tasks.yaml", ""))
 
 
-def save(picture: Path, to: Path, row: Row | None) -> None:
-    """Writes a picture with few colours and with the row that it shows."""
+def save(picture: Path, to: Path, row: Row | None, colours: int | None = 256) -> None:
+    """Writes a picture with few colours, or with all, and with the row that it shows."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -232,7 +243,9 @@ def save(picture: Path, to: Path, row: Row | None) -> None:
     if row is not None:
         text.add_text("dualarm", json.dumps(shown(row)))
     with Image.open(picture) as image:
-        image.convert("RGB").quantize(256).save(to, pnginfo=text, optimize=True)
+        picture_of = image.convert("RGB")
+        shown_colours = picture_of if colours is None else picture_of.quantize(colours)
+        shown_colours.save(to, pnginfo=text, optimize=True)
 
 
 def draw(folder: Path) -> None:
@@ -266,6 +279,29 @@ def take_screens(folder: Path) -> None:
         command = [browser, *BROWSER, f"--screenshot={picture}", address]
         subprocess.run(command, check=True, capture_output=True, timeout=120)
         save(picture, PICTURES / f"{name}.png", row)
+    take_hero(folder)
+
+
+def take_hero(folder: Path) -> None:
+    """Takes the README's picture: a cut of the 3-D view without marks of closest pairs."""
+    from PIL import Image
+
+    from dualarm_cli.page.video import browsing
+
+    page, row = folder / HERO / "report.html", table()[HERO]
+    if not page.exists():
+        row_of(HERO, folder)
+    width, height = HERO_SIZE
+    time = HERO_MOMENT * row["cycle_time"]
+    buttons = "[...document.querySelectorAll('.view-bar button')]"
+    with browsing(page) as evaluate:
+        evaluate(f"{buttons}.find((button) => button.textContent === 'closest').click()")
+        url = evaluate(f"window.dualarm.frame({time}, {width}, {height}, true)")
+    with Image.open(BytesIO(base64.b64decode(url.partition(",")[2]))) as view:
+        left, upper, right, lower = HERO_CUT
+        cut = view.crop((left * width, upper * height, right * width, lower * height))
+        cut.reduce(2).save(folder / "hero.png")
+    save(folder / "hero.png", PICTURES / "hero.png", row, None)
 
 
 def filled(text: str, rows: Mapping[str, Row]) -> str:
@@ -345,9 +381,10 @@ def main(steps: list[str]) -> None:
             "screens": lambda: take_screens(folder),
             "pages": fill_pages,
             "outputs": correct_outputs,
+            "hero": lambda: take_hero(folder),
             "check": lambda: check_table(folder),
         }
-        for step in steps or list(does)[:-1]:
+        for step in steps or list(does)[:-2]:
             does[step]()
 
 

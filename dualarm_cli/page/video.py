@@ -150,7 +150,7 @@ def write_video(page: Path, video: Path, progress: Callable[[int, int], None]) -
 
 def _frames(page: Path, form: VideoForm, progress: Callable[[int, int], None]) -> Iterator[bytes]:
     """Draw the frames of a plan as JPEG pictures."""
-    with _browsing(page) as evaluate:
+    with browsing(page) as evaluate:
         duration = float(evaluate("window.dualarm.duration"))
         count = max(int(duration * form.rate) + 1, 2)
         for k in range(count):
@@ -161,7 +161,7 @@ def _frames(page: Path, form: VideoForm, progress: Callable[[int, int], None]) -
 
 
 @contextmanager
-def _browsing(page: Path) -> Iterator[Callable[[str], Any]]:
+def browsing(page: Path) -> Iterator[Callable[[str], Any]]:
     """Open a page in the browser and yield the evaluator of its expressions.
 
     Raises:

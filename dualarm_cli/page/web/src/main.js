@@ -57,7 +57,7 @@ function start(root) {
   );
   layout.apply();
 
-  const stillOf = (/** @type {Scene} */ shown, /** @type {{width: number, height: number}} */ size) => still(plan, shown, (arm) => transport.workOf(arm), size);
+  const stillOf = (/** @type {Scene} */ shown, /** @type {{width: number, height: number, bare?: boolean}} */ size) => still(plan, shown, (arm) => transport.workOf(arm), size);
   const scene = makeScene(plan, stage);
   if (scene) {
     viewer.append(largePlayButton(clock));
@@ -79,10 +79,10 @@ function start(root) {
   listenToKeys(commands);
   printLight(theme, timeline, scene);
   run(clock);
-  expose(plan, clock, timeline, scene && ((time, width, height) => {
+  expose(plan, clock, timeline, scene && ((time, width, height, bare) => {
     clock.pause();
     clock.setTime(time);
-    return stillOf(scene, { width, height }).toDataURL("image/jpeg", 0.92);
+    return stillOf(scene, { width, height, bare }).toDataURL("image/jpeg", 0.92);
   }));
   begin(clock);
 }
@@ -250,7 +250,7 @@ function run(clock) {
  * @param {Plan} plan
  * @param {Clock} clock
  * @param {Timeline} timeline
- * @param {((time: number, width: number, height: number) => string) | null} frame draws a still as a data URL
+ * @param {((time: number, width: number, height: number, bare?: boolean) => string) | null} frame draws a still, or the view alone, as a data URL
  */
 function expose(plan, clock, timeline, frame) {
   const page = {

@@ -17,15 +17,16 @@ const SIGNS = { good: "✓", warn: "!", bad: "✗" };
  * @param {Plan} plan
  * @param {import("./scene.js").Scene} scene at its time
  * @param {(arm: string) => string} work what an arm does
- * @param {{width: number, height: number}} size px
+ * @param {{width: number, height: number, bare?: boolean}} size px; bare: the view alone
  * @returns {HTMLCanvasElement}
  */
-export function still(plan, scene, work, { width, height }) {
+export function still(plan, scene, work, { width, height, bare = false }) {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [width, height];
   const g = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-  const low = Math.round(height * (1 - CAPTION));
+  const low = bare ? height : Math.round(height * (1 - CAPTION));
   scene.drawInto(g, width, low);
+  if (bare) return canvas;
   g.fillStyle = colour("panel");
   g.fillRect(0, low, width, height - low);
   g.fillStyle = colour("line");
@@ -35,19 +36,22 @@ export function still(plan, scene, work, { width, height }) {
   const [size, margin] = [Math.round(0.032 * height), MARGIN * height];
   const middle = (low + 0.008 * height + height) / 2;
   g.textBaseline = "middle";
-  const write = (/** @type {string} */ text, /** @type {number} */ x, /** @type {number} */ y, /** @type {CanvasTextAlign} */ align, /** @type {string} */ name, bold = false) => {
-    g.font = `${bold ? "600 " : ""}${size}px system-ui, sans-serif`;
+  const write = (/** @type {string} */ text, /** @type {number} */ x, /** @type {number} */ y, /** @type {CanvasTextAlign} */ align, /** @type {string} */ name, bold = false, room = Infinity) => {
+    const setFont = (/** @type {number} */ px) => (g.font = `${bold ? "600 " : ""}${px}px system-ui, sans-serif`);
+    setFont(size);
+    setFont(size * Math.min(1, room / g.measureText(text).width));
     g.textAlign = align;
     g.fillStyle = colour(name);
     g.fillText(text, x, y);
+    return g.measureText(text).width;
   };
-  write(plan.title, margin, middle, "left", "text", true);
+  const left = 2 * margin + write(plan.title, margin, middle, "left", "text", true);
   const cycle = `${fixed(scene.time, 1)} / ${seconds(plan.duration, 1)}${plan.closes ? " cycle" : ""}`;
-  write(cycle, width - margin, middle, "right", "text", true);
+  const right = width - 2 * margin - write(cycle, width - margin, middle, "right", "text", true);
   const { text, mark } = verdict(plan.report);
   const caveat = assumed(plan.report);
   const words = [mark === "warn" ? "verified with exceptions" : text, caveat].filter(Boolean).join(" · ");
-  write(`${SIGNS[mark]} ${words}`, width / 2, middle, "center", mark === "good" && caveat ? "warn" : mark);
+  write(`${SIGNS[mark]} ${words}`, (left + right) / 2, middle, "center", mark === "good" && caveat ? "warn" : mark, false, right - left);
   armsOf(plan).forEach((arm, i) => {
     const y = margin + size * (0.6 + 1.35 * i);
     write(arm, margin, y, "left", `${arm}-text`, true);
