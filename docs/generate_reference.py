@@ -462,7 +462,8 @@ def _solvers_page() -> str:
         "which wins on a cell.",
     ]
     for family in families():
-        parts.append(f"## {family.family.capitalize()} (`{family.option}`)")
+        dashes = "" if family.option.endswith(":") else "--"
+        parts.append(f"## {family.family.capitalize()} (`{dashes}{family.option}`)")
         rows = ["| name | what it does | reference |", "| --- | --- | --- |"]
         rows += [f"| `{s.name}` | {_cell(s.summary)} | {_cell(s.reference)} |" for s in family]
         parts.append("\n".join(rows))

@@ -219,7 +219,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         ),
         (
             "Where the message proves it, change one of the rules that it names.",
-            "Where no order was found but none is excluded: `--effort thorough`, wider windows, `arm: any`.",
+            "Where no order was found but none is excluded: `effort` thorough, wider windows, `arm: any`.",
         ),
         "error[E600]: no order keeps these rules together, whatever else is done: …",
         "how-to/orders.md",

@@ -173,7 +173,7 @@ _ORDERS = {
     "arm_cannot_give": "task '{task}': the {arm} arm cannot give while the other one takes: at no tried platform angle "
     "do both arms reach it without colliding",
     "no_order_found": "no order was found that keeps all rules (windows, after, sequences, buffers), though none is "
-    "proven to be impossible; allow more time (--effort thorough), widen the windows, make room in buffers, or let "
+    "proven to be impossible; allow more time (effort thorough), widen the windows, make room in buffers, or let "
     "more tasks be done by any arm",
     "no_order": "no order does all tasks, even without windows, `after`, sequences and buffers",
     "rule_broken": "no plan keeps this rule, whatever else is done: {rules:*; }",

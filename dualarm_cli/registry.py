@@ -59,7 +59,7 @@ class Registry(Generic[E]):
 
         Args:
             family: name of the family.
-            option: command-line option that selects a solver.
+            option: keyword of `plan`, and option of commands without its dashes.
             solvers: the members.
         """
         self.family, self.option = family, option

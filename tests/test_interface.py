@@ -31,6 +31,13 @@ from dualarm_cli import (
     verify,
 )
 from dualarm_cli.cli.run import command_line
+from dualarm_cli.effort import EFFORTS
+from dualarm_cli.formats import FORMATS, FormatName
+from dualarm_cli.formats.request import COLUMNS, Column
+from dualarm_cli.interface import PlanOptions
+from dualarm_cli.model import settings
+from dualarm_cli.model.blending import BLENDINGS
+from dualarm_cli.timing import TIMING_SOLVERS
 
 ROOT = Path(__file__).parents[1]
 PUBLIC = {
@@ -103,6 +110,21 @@ def test_reports_have_the_types_that_checkers_see(found: Plan) -> None:
     assert not fits({**found.report, "parts": "2"}, Report)
 
 
+def test_choices_that_checkers_see_are_those_that_exist() -> None:
+    """Of the registries and tables; `plan` and `plan_many` take the same options."""
+    for kind, names in (
+        (settings.Effort, EFFORTS),
+        (settings.Blend, BLENDINGS.names),
+        (settings.Timing, TIMING_SOLVERS.names),
+        (FormatName, FORMATS),
+        (Column, COLUMNS),
+    ):
+        assert get_args(kind) == tuple(names)
+    options = get_type_hints(PlanOptions)
+    assert {name: get_type_hints(plan)[name] for name in options} == options
+    assert [*options, "progress"] == [*inspect.signature(plan).parameters][1:]
+
+
 def test_importing_the_package_is_quick_and_loads_nothing() -> None:
     """Names are loaded as they are used; `plan` stays the function when the planner's modules are there."""
     code = (
@@ -133,6 +155,7 @@ def test_the_command_writes_what_python_writes(tmp_path: Path, found: Plan) -> N
     assert verify(tmp_path / "python", found.job).passed
     document = json.loads((tmp_path / "python" / "report.json").read_text())
     assert document["cycle_time"] == found.cycle_time == found.report["cycle_time"]
+    assert found.verification is found.schedule.verification and found.verification.passed
 
 
 def test_samples_are_the_motion_at_equal_steps(found: Plan) -> None:

@@ -133,7 +133,9 @@ def test_many_plans_are_the_same_on_any_number_of_processes(found: Plan) -> None
     said: list[str] = []
     alone = plan_many(jobs, processes=1, effort="quick", progress=said.append)
     assert [text[:6] for text in said] == ["1 of 3", "2 of 3", "3 of 3"]
-    assert said[0].endswith(f"best cycle time {found.cycle_time:.3f} s")
+    time = f"{found.cycle_time:.3f} s"
+    assert said[0] == f"1 of 3 jobs, job 0 (01_first_pick): {time}; best cycle time {time}"
+    assert said[1].endswith(f"job 1 (01_first_pick): no plan; best cycle time {time}")
     shared = plan_many(jobs, processes=2, effort="quick")
     for one, two in zip(alone, shared, strict=True):
         if isinstance(one, Plan) and isinstance(two, Plan):
@@ -143,7 +145,7 @@ def test_many_plans_are_the_same_on_any_number_of_processes(found: Plan) -> None
             assert isinstance(one, InfeasibleError) and str(one) == str(two)
     assert [isinstance(one, Plan) for one in alone] == [True, False, True]
     assert plan_many([]) == []
-    for wrong in ({"processes": 0}, {"processes": "2"}, {"effort": "much"}):
+    for wrong in ({"processes": 0}, {"processes": "2"}, {"effort": "much"}, {"efort": "quick"}):
         with pytest.raises(UsageError):
             plan_many(jobs, **wrong)
 
@@ -154,7 +156,7 @@ def test_errors_keep_their_data_between_processes() -> None:
     refusal = Refusal("beyond_reach", measured=0.1, data={"point": "the target", "where": where})
     for error in (
         BlockedError(refusal, stages=(2,)),
-        UnknownSolverError("--timing", "x", ["ruckig"]),
+        UnknownSolverError("timing", "x", ["ruckig"]),
     ):
         again = pickle.loads(pickle.dumps(error))
         assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))

@@ -8,7 +8,7 @@ from dualarm_cli.registry import Registry, Solver
 
 CALIBRATION_SOLVERS: Registry[Solver[CalibrationProblem, CalibrationSolution]] = Registry(
     "calibration",
-    "--method",
+    "method",
     [
         Solver(
             name="least_squares",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -118,7 +118,7 @@ def solvers_command(
     from dualarm_cli.stages.methods import METHODS
 
     for name in set(method or ()) - set(METHODS.names):
-        raise UnknownSolverError("--method", name, METHODS.names)
+        raise UnknownSolverError("method", name, METHODS.names)
     _refuse(out, plot, page, force)
     jobs = _jobs(tasks or [])
     named = (method or (), redundancy or (), timing or ())
@@ -204,7 +204,8 @@ def _compare(
     from dualarm_cli.interface import compare_solvers
 
     console = stderr_console()
-    run = partial(compare_solvers, jobs, cases=matrices, effort=settings.effort, seed=settings.seed)
+    effort = cast("Any", settings.effort)
+    run = partial(compare_solvers, jobs, cases=matrices, effort=effort, seed=settings.seed)
     if plans is not None:
         run = partial(run, kept=partial(_kept, plans))
     if quiet or not console.is_terminal:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -111,7 +111,7 @@ def export_command(
     refuse_folder(str(folder) if out is None else out, (EXPORT_REPORT,), force)
     made = export(
         plan,
-        to.value,
+        cast("Any", to.value),
         job=job,
         rate=rate,
         interpolation=interpolation.value,

@@ -14,7 +14,7 @@ from dualarm_cli.cli.parts.evaluating import evaluators, open_store, progress_ba
 from dualarm_cli.cli.parts.options import read_duration
 from dualarm_cli.cli.parts.output import (
     JsonOption,
-    QuietOption,
+    ResultOnlyOption,
     print_json,
     print_message,
     stdout_console,
@@ -186,7 +186,7 @@ def sweep_command(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
-    quiet: QuietOption = False,
+    quiet: ResultOnlyOption = False,
 ) -> None:
     """Plan a cell's tasks over ranges of its parameters: best layouts, trade-offs, sensitivities.
 
@@ -233,7 +233,11 @@ def sweep_command(
     say_unkept(store)
     if json_output:
         print_json(document)
-    elif not quiet:
+    elif quiet:
+        from dualarm_cli.report.comparison.study_table import result_line
+
+        print_lines(stdout_console(), result_line(document))
+    else:
         _print(document)
     if code := exit_code(document):
         raise typer.Exit(code)

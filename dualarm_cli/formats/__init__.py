@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from dualarm_cli.records import dataclass
 
 if TYPE_CHECKING:
     # The command line lists the formats in its help, and that loads no numpy.
     from dualarm_cli.formats.request import ExportRequest
+
+FormatName = Literal["ros2", "mcap", "csv", "npz", "parquet", "perfetto", "gltf"]
 
 
 def _always_supported(_: ExportRequest) -> str | None:

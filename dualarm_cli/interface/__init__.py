@@ -11,7 +11,7 @@ from numbers import Real
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, get_args
 
 from dualarm_cli.background import BackgroundCall, run_both
 from dualarm_cli.bound.job_bound import job_bound
@@ -21,12 +21,11 @@ from dualarm_cli.exporting.files import REPORT, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
 from dualarm_cli.exporting.whole_files import replace_all
 from dualarm_cli.formats import export
-from dualarm_cli.formats.request import COLUMNS, ExportRequest, check_rate, columns_named
-from dualarm_cli.model.blending import BLENDINGS
+from dualarm_cli.formats.request import COLUMNS, Column, ExportRequest, check_rate, columns_named
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.settings import PlanSettings, check_seed
+from dualarm_cli.model.settings import Blend, Effort, PlanSettings, Timing, check_seed
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import planner
@@ -79,14 +78,19 @@ class Plan(ShownInNotebooks):
         return float(self.schedule.duration)
 
     @property
+    def verification(self) -> Verification:
+        """Findings of the verifier, without checks for a schedule that was not verified."""
+        return self.schedule.verification or Verification(())
+
+    @property
     def verified(self) -> bool:
         """Flag of a plan that passed verification."""
-        return self.schedule.verification is not None and self.schedule.verification.passed
+        return self.verification.passed
 
     @property
     def caveats(self) -> tuple[str, ...]:
         """Sentences on gaps of the verification, such as tools without shapes."""
-        return () if self.schedule.verification is None else self.schedule.verification.caveats
+        return self.verification.caveats
 
     @property
     def keeps_budget(self) -> bool:
@@ -103,7 +107,7 @@ class Plan(ShownInNotebooks):
         folder: str | Path,
         *,
         rate: float = RATE,
-        columns: Sequence[str] = COLUMNS,
+        columns: Sequence[Column] = COLUMNS,
         page: bool = True,
         force: bool = False,
     ) -> Path:
@@ -200,14 +204,26 @@ def load(tasks: str | Path | Mapping[str, Any], changes: Mapping[str, Any] | Non
     return load_job(tasks, overrides=changes)
 
 
+class PlanOptions(TypedDict, total=False):
+    """Options of `plan`."""
+
+    platform: str | None
+    redundancy: str | None
+    timing: Timing
+    blend: Blend
+    effort: Effort
+    seed: int
+    time_limit: float | None
+
+
 def plan(
     job: Job,
     *,
     platform: str | None = None,
     redundancy: str | None = None,
-    timing: str = "ruckig",
-    blend: str = "lines",
-    effort: str = "normal",
+    timing: Timing = "ruckig",
+    blend: Blend = "lines",
+    effort: Effort = "normal",
     seed: int = 0,
     time_limit: float | None = None,
     progress: Progress | None = None,
@@ -220,7 +236,7 @@ def plan(
         job: the job.
         platform: method that chooses platform angles and postures; None for the default.
         redundancy: redundancy solver, or method of paths or seams; None for the one that fits the robot.
-        timing: timing solver.
+        timing: timing solver: ruckig, toppra or trapezoid.
         blend: `lines`, or `none` for stops at both ends of all lines.
         effort: quick, normal or thorough.
         seed: random seed.
@@ -234,39 +250,40 @@ def plan(
         UsageError: any other value that is not allowed.
     """
     check_type("job", job, Job)
-    settings = plan_settings(platform, redundancy, timing, blend, effort, seed, time_limit)
+    settings = plan_settings(
+        platform=platform,
+        redundancy=redundancy,
+        timing=timing,
+        blend=blend,
+        effort=effort,
+        seed=seed,
+        time_limit=time_limit,
+    )
     return planned(job, settings, Watch(progress or (lambda _: None), time_limit))
 
 
-def plan_settings(
-    platform: str | None = None,
-    redundancy: str | None = None,
-    timing: str = "ruckig",
-    blend: str = "lines",
-    effort: str = "normal",
-    seed: int = 0,
-    time_limit: float | None = None,
-) -> PlanSettings:
+def plan_settings(**options: Unpack[PlanOptions]) -> PlanSettings:
     """Build the settings of a plan from the options of `plan`.
 
     Raises:
         UnknownSolverError: unknown redundancy solver.
         UsageError: any other value that is not allowed.
     """
-    for name, value, allowed in (
-        ("blend", blend, BLENDINGS.names),
-        ("effort", effort, ("quick", "normal", "thorough")),
+    for name in options.keys() - PlanOptions.__annotations__.keys():
+        raise UsageError(f"{name}: is no option; use {', '.join(PlanOptions.__annotations__)}")
+    values: dict[str, Any] = {**options}
+    platform, redundancy = values.pop("platform", None), values.pop("redundancy", None)
+    settings = PlanSettings(**values)
+    for name, value, kind in (
+        ("blend", settings.blend, Blend),
+        ("effort", settings.effort, Effort),
     ):
-        if value not in allowed:
-            raise UsageError(f"{name} {value!r}: choose one of {', '.join(allowed)}")
-    if time_limit is not None and not (
-        isinstance(time_limit, Real) and 0.0 < time_limit < math.inf
-    ):
-        raise UsageError(f"time_limit {time_limit!r}: must be above 0 s, and finite")
-    check_seed(seed)
-    settings = PlanSettings(
-        timing=timing, blend=blend, effort=effort, seed=seed, time_limit=time_limit
-    )
+        if value not in get_args(kind):
+            raise UsageError(f"{name} {value!r}: choose one of {', '.join(get_args(kind))}")
+    limit = settings.time_limit
+    if limit is not None and not (isinstance(limit, Real) and 0.0 < limit < math.inf):
+        raise UsageError(f"time_limit {limit!r}: must be above 0 s, and finite")
+    check_seed(settings.seed)
     return with_redundancy(settings.naming(platform=platform), redundancy)
 
 
@@ -362,7 +379,7 @@ def compare_solvers(
     jobs: Job | Mapping[str, Job],
     *,
     cases: Mapping[str, Sequence[Case]] | None = None,
-    effort: str = "normal",
+    effort: Effort = "normal",
     seed: int = 0,
     progress: Progress | None = None,
     kept: Kept | None = None,

@@ -13,10 +13,11 @@ from typing import Any
 
 from dualarm_cli.errors import OutputError, UsageError, did_you_mean
 from dualarm_cli.exporting.whole_files import place_in, replace_all
-from dualarm_cli.formats import FORMATS
+from dualarm_cli.formats import FORMATS, FormatName
 from dualarm_cli.formats import export as files_of
 from dualarm_cli.formats.request import (
     COLUMNS,
+    Column,
     ExportLoss,
     ExportRequest,
     PlatformController,
@@ -74,13 +75,13 @@ class Export:
 
 def export(
     plan: Plan | Schedule | str | Path,
-    to: str,
+    to: FormatName,
     *,
     job: Job | None = None,
     rate: float = 100.0,
     interpolation: Interpolation = "cubic",
     platform: PlatformController = "own",
-    columns: Sequence[str] = COLUMNS,
+    columns: Sequence[Column] = COLUMNS,
     uniform: bool = False,
 ) -> Export:
     """Build the files of a plan in another program's format; `Export.write` writes them.

@@ -9,26 +9,15 @@ from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from typing import TypedDict, Unpack
+from typing import Unpack
 
 from dualarm_cli.background import usable_cores
 from dualarm_cli.errors import DualArmError, InfeasibleError, check_type
-from dualarm_cli.interface import Plan, Progress, plan_settings, planned
+from dualarm_cli.interface import Plan, PlanOptions, Progress, plan_settings, planned
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.place import tasks_name
 from dualarm_cli.model.settings import PlanSettings, check_count
 from dualarm_cli.system import IS_LINUX, end_with_parent
-
-
-class PlanOptions(TypedDict, total=False):
-    """Options of `plan`."""
-
-    platform: str | None
-    redundancy: str | None
-    timing: str
-    blend: str
-    effort: str
-    seed: int
-    time_limit: float | None
 
 
 def plan_many(
@@ -47,7 +36,7 @@ def plan_many(
     Args:
         jobs: jobs in any number.
         processes: maximum number of processes; None for one per core.
-        progress: callback, called with a text after each job.
+        progress: callback, called after each job with its index, name and cycle time.
         options: options of `plan`.
 
     Returns:
@@ -69,9 +58,12 @@ def plan_many(
     def keep(index: int, result: Plan | InfeasibleError) -> None:
         plans[index] = result
         if progress is not None:
+            name = tasks_name(queued[index].inputs)
+            figure = f"{result.cycle_time:.3f} s" if isinstance(result, Plan) else "no plan"
             times = [plan.cycle_time for plan in plans.values() if isinstance(plan, Plan)]
-            best = f", best cycle time {min(times):.3f} s" if times else ""
-            progress(f"{len(plans)} of {len(queued)} jobs{best}")
+            best = f"; best cycle time {min(times):.3f} s" if times else ""
+            which = f"job {index}{name and f' ({name})'}: {figure}"
+            progress(f"{len(plans)} of {len(queued)} jobs, {which}{best}")
 
     if count <= 1:
         for index, job in enumerate(queued):

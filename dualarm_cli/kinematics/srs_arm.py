@@ -472,6 +472,6 @@ def closed_form(arm: PostureSource) -> SrsArm:
     if not isinstance(arm, SrsArm):
         raise UnsupportedError(
             "an arm that is not spherical-revolute-spherical has no closed form over an arm angle; "
-            "use --redundancy numeric"
+            "use redundancy numeric"
         )
     return arm

@@ -57,4 +57,4 @@ STOPPING = Blending(
     passes=lambda _: False,
     law=lambda law: law,
 )
-BLENDINGS: Registry[Blending] = Registry("blending", "--blend", [LINES, STOPPING])
+BLENDINGS: Registry[Blending] = Registry("blending", "blend", [LINES, STOPPING])

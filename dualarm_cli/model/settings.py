@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from numbers import Integral
-from typing import Any
+from typing import Any, Literal
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.records import dataclass
 
+Effort = Literal["quick", "normal", "thorough"]
+"""Search effort of methods and lower bound."""
+Blend = Literal["lines", "none"]
+"""Name of a blending law."""
+Timing = Literal["ruckig", "toppra", "trapezoid"]
+"""Name of a timing solver."""
 MAX_SEED = 2**32 - 1
 """Largest random seed."""
 

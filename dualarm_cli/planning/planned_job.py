@@ -118,11 +118,11 @@ def resolve(job: Job, settings: PlanSettings, *, check_collisions: bool = True) 
     REDUNDANCY_SOLVERS[settings.redundancy]  # an unknown name is refused before any work
     method = METHODS[settings.platform]
     if reason := timing.why_unsupported(robot.limits):
-        raise UnsupportedError(f"--timing {timing.name} cannot plan {robot.name}: {reason}")
+        raise UnsupportedError(f"timing {timing.name} cannot plan {robot.name}: {reason}")
     reason = why_redundancy_unserved(settings.redundancy, robot)
     if reason and "redundancy" in settings.named:
         raise UnsupportedError(
-            f"--redundancy {settings.redundancy} cannot plan {robot.name}: {reason}"
+            f"redundancy {settings.redundancy} cannot plan {robot.name}: {reason}"
         )
     model = closed = cell_model(job.cell, settings.redundancy)
     if settings.redundancy == NUMERIC:
@@ -133,7 +133,7 @@ def resolve(job: Job, settings: PlanSettings, *, check_collisions: bool = True) 
         job, settings, tuple(replaced), model, closed, method, timing, kinds, check_collisions
     )
     if reason := method.why_unsupported(work.problem):
-        raise UnsupportedError(f"--platform {method.name} cannot plan {robot.name}: {reason}")
+        raise UnsupportedError(f"platform {method.name} cannot plan {robot.name}: {reason}")
     if job.in_sections:
         check_follower(job, settings.follower)
         if wrong := [fault for kind in kinds for fault in kind.check(job)]:

@@ -32,7 +32,7 @@ def with_redundancy(settings: PlanSettings, name: str | None) -> PlanSettings:
             *REDUNDANCY_SOLVERS.names,
             *(solver for _, solvers in others for solver in solvers.names),
         ]
-        raise UnknownSolverError("--redundancy", name, list(dict.fromkeys(names)))
+        raise UnknownSolverError("redundancy", name, list(dict.fromkeys(names)))
     if stops:
         settings = settings.naming(redundancy=name)
     return replace(settings, **of_kinds)  # type: ignore[arg-type]
@@ -53,6 +53,6 @@ def check_follower(job: Job, requested: str | None) -> None:
         PATH_SOLVERS[requested]
         if not job.has_paths and requested not in REDUNDANCY_SOLVERS.names:
             raise UnsupportedError(
-                f"--redundancy {requested} follows paths, and the tasks have none; seams are worked by "
+                f"redundancy {requested} follows paths, and the tasks have none; seams are worked by "
                 f"{', '.join(SEAM_SOLVERS.names)}"
             )

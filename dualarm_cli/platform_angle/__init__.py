@@ -10,7 +10,7 @@ from dualarm_cli.registry import Registry, Solver
 
 PLATFORM_SOLVERS: Registry[Solver[PlatformProblem, PlatformSolution]] = Registry(
     "platform",
-    "--platform",
+    "platform",
     [
         Solver(
             name="fixed",

@@ -24,7 +24,7 @@ def _needs_general_arm(problem: StopProblem) -> str | None:
 
 REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Registry(
     "redundancy",
-    "--redundancy",
+    "redundancy",
     [
         Solver(
             name="arm_angle",

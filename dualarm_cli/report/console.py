@@ -237,7 +237,9 @@ def bound_line(report: dict[str, Any]) -> str:
     if report["lower_bound"] is None:
         line = "lower bound: none computed"
     elif report["lower_bound"] <= 0.0 < report["cycle_time"]:
-        line = "lower bound: 0 s, as the grid is too coarse for moves this short; try --effort thorough"
+        line = (
+            "lower bound: 0 s, as the grid is too coarse for moves this short; try effort thorough"
+        )
     else:
         what = "tasks, in any order," if report["open"] else "stages"
         if (

@@ -18,7 +18,7 @@ def _needs_turntable(problem: MethodProblem) -> str | None:
         return None
     if problem.model.platform.is_rail:
         return (
-            "its platform slides, and [Bottin2021] balances the elbows of arms on a turning one; --platform "
+            "its platform slides, and [Bottin2021] balances the elbows of arms on a turning one; the platform methods "
             f"{SEQUENCE}, {MINIMUM_TIME} and {FIXED} plan it"
         )
     return "it is not two arms on one turning platform"
@@ -48,7 +48,7 @@ def _greedy(platform: str) -> Callable[[MethodProblem], Decided]:
 
 METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
     "method",
-    "--platform",
+    "platform",
     [
         Solver(
             name=SEQUENCE,

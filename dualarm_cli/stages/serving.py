@@ -22,12 +22,12 @@ SEQUENCE, FIXED = "sequence", "fixed"
 TOGETHER: Mapping[str, tuple[str, ...]] = dict.fromkeys((SEQUENCE, FIXED), (CLOSED_FORMS, NUMERIC))
 """Redundancy solvers that go together with a method; with all others it is CLOSED_FORMS."""
 
-_GENERAL = "solvers: {which} not spherical-revolute-spherical; planned with --redundancy {solver}"
+_GENERAL = "solvers: {which} not spherical-revolute-spherical; planned with redundancy {solver}"
 _note = NoteTable(
     "solvers",
     general=_GENERAL,
     mixed=_GENERAL + ", which has closed forms for kind {kinds}",
-    closed="solvers: planned with --redundancy {solver}, in closed form for kind {kinds}",
+    closed="solvers: planned with redundancy {solver}, in closed form for kind {kinds}",
 )
 
 
@@ -81,8 +81,8 @@ def why_no_closed_form(robot: Robot) -> str | None:
     if not robot.without_closed_form:
         return None
     return (
-        f"{_which(robot)} not spherical-revolute-spherical; --platform {SEQUENCE} and --platform {FIXED} "
-        f"plan such arms, with --redundancy {NUMERIC}"
+        f"{_which(robot)} not spherical-revolute-spherical; the platform methods {SEQUENCE} and {FIXED} "
+        f"plan such arms, with redundancy {NUMERIC}"
     )
 
 
@@ -111,7 +111,7 @@ def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
     if reason := why_no_closed_form(robot):
         return reason
     possible = " or ".join(TOGETHER.get(method, (CLOSED_FORMS,)))
-    return f"it needs --redundancy {possible}, not {redundancy}"
+    return f"it needs redundancy {possible}, not {redundancy}"
 
 
 def _which(robot: Robot) -> str:

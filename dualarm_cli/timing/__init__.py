@@ -40,7 +40,7 @@ class TimingSolver:
 
 TIMING_SOLVERS: Registry[TimingSolver] = Registry(
     "timing",
-    "--timing",
+    "timing",
     [
         TimingSolver(
             name="ruckig",

@@ -117,5 +117,5 @@ def why_jerk_limits_unsupported(limits: JointLimits) -> str | None:
     named = ", ".join(limited[:3]) + ("..." if len(limited) > 3 else "")
     return (
         f"{len(limited)} joints have jerk limits ({named}), which this solver ignores; "
-        "use --timing ruckig"
+        "use timing ruckig"
     )

@@ -104,7 +104,7 @@ def _gridpoints(
     if speed is None or not np.isfinite(speed).all() or (speed[1:-1] <= 0).any():
         raise DualArmError(
             f"toppra finds no profile for the line from {problem.position[0].tolist()} to "
-            f"{problem.position[-1].tolist()} of {', '.join(problem.joints)}; use --timing ruckig"
+            f"{problem.position[-1].tolist()} of {', '.join(problem.joints)}; use timing ruckig"
         )
     time = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(grid) / (speed[:-1] + speed[1:]))])
     n = len(problem.joints)

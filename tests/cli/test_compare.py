@@ -118,7 +118,7 @@ def test_without_task_files_the_bundled_ones_are_compared(
         entry.name for entry in tasks_folder.iterdir() if (entry / "tasks.yaml").is_file()
     )
     some = {"03_bottin_planar": planar, "01": tasks_folder / "01_first_pick" / "tasks.yaml"}
-    monkeypatch.setattr(bundled, "bundled_tasks", lambda: some)
+    monkeypatch.setattr(bundled, "bundled_tasks", lambda *_: some)
     assert run(["compare", "solvers", *SOME, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert [section["tasks"] for section in document["comparisons"]] == list(some)
@@ -195,8 +195,8 @@ def test_a_plan_that_fails_its_verification_is_exit_1_and_never_wins(monkeypatch
     [
         (["solvers", "nowhere.yaml", "nothere.yaml"], ["nowhere.yaml", "nothere.yaml"]),
         (["solvers", "--method", "exat"], ["did you mean 'exact'"]),
-        (["solvers", "--timing", "nope"], ["--timing: there is no 'nope'"]),
-        (["solvers", "--redundancy", "nope"], ["--redundancy: there is no 'nope'"]),
+        (["solvers", "--timing", "nope"], ["timing: there is no 'nope'"]),
+        (["solvers", "--redundancy", "nope"], ["redundancy: there is no 'nope'"]),
         (["solvers", "--effort", "most"], ["--effort"]),
         (["solvers", "--out", ""], ["--out ''"]),
         (["solvers", "--plot", "x.gif"], ["must end in .png, .svg, .pdf"]),

@@ -113,7 +113,7 @@ def test_an_unknown_redundancy_is_refused_with_all_known_names(seam, capsys, com
     """Solvers of stops and followers of paths; the nearest name is guessed."""
     assert run([*command, "tasks.yaml", "--redundancy", "min_nrom"]) == 2
     message = _one_line(capsys)
-    assert "--redundancy: there is no 'min_nrom', did you mean 'min_norm'?" in message
+    assert "redundancy: there is no 'min_nrom', did you mean 'min_norm'?" in message
     for name in (*REDUNDANCY_SOLVERS.names, *PATH_SOLVERS.names):
         assert name in message
     assert not (seam / "tasks-plan").exists()

@@ -196,14 +196,14 @@ def test_a_general_robot_is_planned_by_the_plain_command(general_robots, tmp_pat
     out = ["--out", str(tmp_path / "plan"), "--force", "--effort", "quick"]
     assert run(["plan", str(file), *out, "-v"]) == 0
     text = capsys.readouterr().out
-    assert "planned with --redundancy numeric" in text.replace("\n", " ")
+    assert "planned with redundancy numeric" in text.replace("\n", " ")
     settings = json.loads((tmp_path / "plan" / "schedule.json").read_text())["provenance"][
         "settings"
     ]
     assert (settings["platform"], settings["redundancy"]) == ("sequence", "numeric")
     assert "named" not in settings
     assert run(["plan", str(file), *out, "--platform", "exact"]) == 2
-    assert "--platform exact cannot plan Two six-axis arms" in capsys.readouterr().err
+    assert "platform exact cannot plan Two six-axis arms" in capsys.readouterr().err
     file.write_text(file.read_text().replace("[0.45, 0.2, 0.1]", "[1.2, 0.3, 0.4]"))
     assert run(["plan", str(file), *out]) == 3
     error = capsys.readouterr().err.replace("\n", " ")

@@ -80,6 +80,7 @@ def test_a_study_is_planned_ranked_and_written(folder, here, capsys) -> None:
     out, err = capsys.readouterr()
     assert "study.yaml: 6 of 6 points have a plan" in out
     assert "what matters" in out
+    (best_line,) = (line for line in out.splitlines() if line.startswith("best cycle time: "))
     assert "6 jobs planned, 1 cached" in err
     document = json.loads((folder / "out" / "study.json").read_text())
     rows = document["rows"]
@@ -107,6 +108,8 @@ def test_a_study_is_planned_ranked_and_written(folder, here, capsys) -> None:
     captured = capsys.readouterr()
     assert captured.out == (folder / "out" / "study.json").read_text()
     assert captured.err == ""
+    assert run(["sweep", "study.yaml", "-q"]) == 0
+    assert capsys.readouterr() == (f"study.yaml: 6 of 6 points have a plan; {best_line}\n", "")
     said: list[str] = []
     assert sweep("study.yaml", progress=said.append) == document
     assert said[-1] == f"6 of 6 points, best cycle time {rows[0]['cycle_time']:.3f} s"

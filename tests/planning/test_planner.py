@@ -151,7 +151,7 @@ def test_robots_without_jerk_limits_are_timed_by_every_method(packing, timing):
 
 def test_timing_that_knows_no_jerk_is_refused_where_jerk_is_limited(packing):
     """The robot and the joints are named."""
-    with pytest.raises(UnsupportedError, match=r"--timing toppra cannot plan Yaskawa.*15 joints"):
+    with pytest.raises(UnsupportedError, match=r"timing toppra cannot plan Yaskawa.*15 joints"):
         plan(packing, PlanSettings(timing="toppra"))
 
 

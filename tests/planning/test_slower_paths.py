@@ -90,7 +90,7 @@ def test_a_part_is_turned_the_other_way_round_too(tmp_path: Path, speed: str) ->
     )
     job = turn(tmp_path, speed, -180)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(path_jobs, "PATH_SOLVERS", Registry("path", "--redundancy", [counted]))
+        patch.setattr(path_jobs, "PATH_SOLVERS", Registry("path", "redundancy", [counted]))
         schedule = plan_without_bound(job, PlanSettings(follower="manipulability"))
     assert verify(schedule, job, clearance=True).passed
     metres = float(speed.split()[0]) / 1000.0
@@ -125,7 +125,7 @@ def test_a_refusal_has_tried_slower_from_few_starts(
     """A method that never follows is asked at a sixteenth of the speed before the path is refused, 32 times at most."""
     follower = Follower(np.inf)
     solver = Solver(name="manipulability", solve=follower, summary="", reference="")
-    monkeypatch.setattr(path_jobs, "PATH_SOLVERS", Registry("path", "--redundancy", [solver]))
+    monkeypatch.setattr(path_jobs, "PATH_SOLVERS", Registry("path", "redundancy", [solver]))
     job = turn(tmp_path, "300 mm/s", 90)
     with pytest.raises(InfeasibleError) as error:
         plan_without_bound(job, PlanSettings(follower="manipulability"))

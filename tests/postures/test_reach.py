@@ -97,7 +97,7 @@ def test_two_arms_that_need_different_angles_are_both_named(refusal):
 def test_a_platform_solver_that_cannot_serve_the_robot_is_refused(tasks_folder):
     """Two robots with bases of their own have no platform to turn."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
-    with pytest.raises(UnsupportedError, match="--platform exact cannot plan KUKA"):
+    with pytest.raises(UnsupportedError, match="platform exact cannot plan KUKA"):
         plan(job, PlanSettings(platform="exact"))
 
 

@@ -35,7 +35,7 @@ def test_any_arms_are_planned_and_verified_and_not_slower_than_greedily(
     assert not closed or 0.3 * schedule.duration < schedule.lower_bound <= schedule.duration
     assert schedule.provenance.settings["platform"] == "sequence"
     assert schedule.provenance.settings["redundancy"] == "numeric"
-    (note,) = (one for one in schedule.notes if "planned with --redundancy numeric" in one)
+    (note,) = (one for one in schedule.notes if "planned with redundancy numeric" in one)
     assert ("in closed form" in note) == closed
     assert ("not spherical-revolute-spherical" in note) != closed
     greedy = plan_without_bound(job, replace(stopping, platform="fixed"))
@@ -120,10 +120,10 @@ def test_named_methods_that_do_not_serve_say_why(general_robots, tmp_path):
     """Only what nobody named is replaced."""
     job = load_job(general_robots.write_cell(tmp_path, "yumi", tasks=1))
     for settings, words in (
-        (PlanSettings().naming(platform="exact"), "--platform exact cannot plan YuMi"),
+        (PlanSettings().naming(platform="exact"), "platform exact cannot plan YuMi"),
         (
             PlanSettings().naming(redundancy="arm_angle"),
-            "--redundancy arm_angle cannot plan YuMi",
+            "redundancy arm_angle cannot plan YuMi",
         ),
     ):
         with pytest.raises(UnsupportedError) as caught:

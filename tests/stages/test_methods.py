@@ -91,7 +91,7 @@ def test_methods_say_whom_they_do_not_serve(tasks_folder, name):
 def test_whole_sequence_methods_choose_arm_angles_themselves(job):
     """Another redundancy solver is refused with the reason."""
     problem = MethodProblem(CellModel.from_cell(job.cell), job, "min_norm")
-    assert "needs --redundancy arm_angle" in METHODS["sequence"].why_unsupported(problem)
+    assert "needs redundancy arm_angle" in METHODS["sequence"].why_unsupported(problem)
 
 
 def test_a_cycle_without_motion_is_planned(job):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Iterable
 from io import TextIOWrapper
@@ -26,7 +27,7 @@ DetailsOption = Annotated[bool, typer.Option("--details", "-v", help="Print tabl
 
 
 PIPE_WIDTH = 120
-"""Width of tables if stdout is not a terminal [characters]."""
+"""Width of tables if stdout is no terminal and COLUMNS is not set [characters]."""
 STDOUT = "-"
 """Name of standard output in `--out`."""
 
@@ -83,7 +84,9 @@ def stdout_console() -> Console:
         # A stdout that is not UTF-8 gets escapes for unsupported characters, not a traceback.
         sys.stdout.reconfigure(errors="backslashreplace")
     console = Console(highlight=False, soft_wrap=False)
-    return console if console.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
+    if console.is_terminal or os.environ.get("COLUMNS", "").isdigit():
+        return console
+    return Console(highlight=False, width=PIPE_WIDTH)
 
 
 def stderr_console() -> Console:

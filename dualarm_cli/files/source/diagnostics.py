@@ -205,7 +205,10 @@ def error_text(error: DualArmError) -> str:
         text, codes = render(error.diagnostics), [d.code for d in error.diagnostics]
     else:
         codes = [code] if (code := getattr(error, "code", "")) else []
-        text = "".join(["error", *(f"[{code}]" for code in codes), f": {error}"])
+        begin = "".join(["error", *(f"[{code}]" for code in codes), ": "])
+        refused = {str(refusal).partition("\n")[0] for refusal in getattr(error, "refusals", ())}
+        lines = enumerate(str(error).split("\n"))
+        text = "\n".join(begin + line if k == 0 or line in refused else line for k, line in lines)
     commands = ", ".join(f"`dualarm explain {code}`" for code in dict.fromkeys(codes))
     return f"{text}\nMore about it: {commands}" if codes else text
 

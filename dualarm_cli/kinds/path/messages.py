@@ -34,8 +34,8 @@ REMEDIES: Mapping[Remedy, tuple[str, ...]] = {
 
 _note = NoteTable(
     "paths",
-    platform_turns="--platform fixed holds the platform between paths; where they begin, and on paths of "
-    "methods for the whole body, it turns (--redundancy arm_angle: only to where they begin)",
+    platform_turns="platform fixed holds the platform between paths; where they begin, and on paths of "
+    "methods for the whole body, it turns (redundancy arm_angle: only to where they begin)",
     in_turn="paths {first} and {then} are followed one after the other; write both tools' curves into one path "
     "(left:, right:) to follow them together",
     capped="{task}: followed at {cap:g} m/s, the limit of the tools' speed, instead of {speed:g} m/s",

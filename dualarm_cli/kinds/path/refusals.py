@@ -59,6 +59,6 @@ REFUSALS = KindRefusals(
         "move_path_or_obstacle": "move the path or the obstacle",
         "other_posture": "begin near another posture (posture:)",
         "tolerance": "raise its tolerance",
-        "method": "choose another method (--redundancy)",
+        "method": "choose another method (redundancy)",
     },
 )

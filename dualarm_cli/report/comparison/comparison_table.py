@@ -39,7 +39,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
         title += f", lower bound {section['lower_bound']:.3f} s"
     slides = any(row["platform_slides"] for row in rows)
     platform = "platform mm" if slides else "platform °"
-    figures = ("cycle s", "parts/h", "gap", "planning s", "clear mm", "elbows °", platform)
+    figures = ("cycle s", "parts/h", "above bound", "planning s", "clear mm", "elbows °", platform)
     table = Table(
         *(Column(name, no_wrap=True) for name in ("method", *varied)),
         *numbers(*figures, no_wrap=True),

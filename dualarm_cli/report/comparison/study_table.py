@@ -136,6 +136,17 @@ def one_line_reason(reason: str) -> str:
     return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}…"
 
 
+def result_line(document: Mapping[str, Any]) -> str:
+    """Compose the only line of `sweep --quiet`: planned points and the best row.
+
+    Args:
+        document: of `dualarm sweep`.
+    """
+    planned = [row for row in document["rows"] if row["rank"] is not None]
+    count = f"{len(planned)} of {document['counts']['points']} points have a plan"
+    return "; ".join([f"{document['study']}: {count}", *_best_lines(document, planned)[:1]])
+
+
 def _best_lines(document: Mapping[str, Any], planned: list[dict[str, Any]]) -> list[str]:
     """Compose a sentence per objective: its best row, compared with the unchanged files."""
     lines = []

@@ -24,7 +24,7 @@ def _needs_closed_form(problem: PathProblem) -> str | None:
 
 PATH_SOLVERS: Registry[Solver[PathProblem, PathMotion | NoPath]] = Registry(
     "path follower",
-    "--redundancy",
+    "redundancy",
     [
         Solver(
             name="arm_angle",
