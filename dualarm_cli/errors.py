@@ -180,7 +180,11 @@ class InfeasibleError(DualArmError):
 
     def __str__(self) -> str:
         """Format the refusals as sentences with places."""
-        return message(self.refusals)
+        return self.message()
+
+    def message(self, begin: str = "") -> str:
+        """Format the refusals, each with the same beginning."""
+        return message(self.refusals, begin=begin)
 
     @property
     def code(self) -> str:

@@ -119,24 +119,26 @@ def codes() -> dict[str, str]:
     return {**CODES, **{what: kind.code for kind in kind_refusals() for what in kind.sentences}}
 
 
-def message(refusals: Iterable[Refusal], placed: Refusal | None = None) -> str:
+def message(refusals: Iterable[Refusal], placed: Refusal | None = None, begin: str = "") -> str:
     """Write the message for refusals, grouped by kind.
 
     Args:
         refusals: at least one.
         placed: refusal whose place precedes the text.
+        begin: beginning of the line of each refusal, or of those with a common head.
     """
     kinds: dict[str, list[Refusal]] = {}
     for refusal in refusals:
         kinds.setdefault(refusal.key, []).append(refusal)
-    return "\n".join(_message_of_kind(key, rows, placed) for key, rows in kinds.items())
+    return "\n".join(_message_of_kind(key, rows, placed, begin) for key, rows in kinds.items())
 
 
-def _message_of_kind(key: str, rows: list[Refusal], placed: Refusal | None) -> str:
+def _message_of_kind(key: str, rows: list[Refusal], placed: Refusal | None, begin: str) -> str:
     """Write the message for refusals of the same fault, a line for each."""
-    text = "\n".join(refusal.sentence if refusal is placed else str(refusal) for refusal in rows)
+    texts = [refusal.sentence if refusal is placed else str(refusal) for refusal in rows]
+    text = "\n".join(begin + text for text in texts)
     if key in HEADS:
-        text = f"{rows[0].filled(HEADS[key])}:\n" + indent(text, "  ")
+        text = f"{begin}{rows[0].filled(HEADS[key])}:\n" + indent("\n".join(texts), "  ")
     help_text = helps().get(key)
     return text if help_text is None else f"{text}\n{rows[0].filled(help_text)}"
 

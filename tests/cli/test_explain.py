@@ -11,8 +11,10 @@ import pytest
 
 import dualarm_cli
 from dualarm_cli.cli.run import run
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.explanations import explanations
-from dualarm_cli.refusals import codes, sentences
+from dualarm_cli.files.source.diagnostics import error_text
+from dualarm_cli.refusals import Refusal, codes, sentences
 
 PACKAGE = Path(dualarm_cli.__file__).parent
 CODE = re.compile(r"\bE[1-9][0-9]{2}\b")
@@ -122,3 +124,13 @@ def test_a_job_without_a_plan_names_the_code_and_where_to_read_more(
     assert code == 3
     assert err.startswith("error[E610]: ") or "\nerror[E610]: " in err
     assert err.splitlines()[-1] == "More about it: `dualarm explain E610`"
+
+
+def test_each_refusal_has_its_own_line():
+    """With its code; help that they share has none."""
+    refusals = (Refusal("by_arm", arm=arm, data={"cause": "x"}) for arm in ("left", "right"))
+    assert error_text(InfeasibleError(*refusals)).splitlines() == [
+        "error[E600]: left arm: x",
+        "error[E600]: right arm: x",
+        "More about it: `dualarm explain E600`",
+    ]

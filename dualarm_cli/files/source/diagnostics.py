@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NoReturn, get_args
 
-from dualarm_cli.errors import Diagnostic, DualArmError, InputError
+from dualarm_cli.errors import Diagnostic, DualArmError, InfeasibleError, InputError
 from dualarm_cli.files.source.text_source import quote, suggest
 
 if TYPE_CHECKING:
@@ -206,9 +206,7 @@ def error_text(error: DualArmError) -> str:
     else:
         codes = [code] if (code := getattr(error, "code", "")) else []
         begin = "".join(["error", *(f"[{code}]" for code in codes), ": "])
-        refused = {str(refusal).partition("\n")[0] for refusal in getattr(error, "refusals", ())}
-        lines = enumerate(str(error).split("\n"))
-        text = "\n".join(begin + line if k == 0 or line in refused else line for k, line in lines)
+        text = error.message(begin) if isinstance(error, InfeasibleError) else f"{begin}{error}"
     commands = ", ".join(f"`dualarm explain {code}`" for code in dict.fromkeys(codes))
     return f"{text}\nMore about it: {commands}" if codes else text
 
