@@ -74,17 +74,20 @@ def init_command(
         # Before the search for a table, so that they also explain its refusal.
         for reason in source.reasons:
             print_message(reason)
-    files = start_project(folder, source)
+    files, tools = start_project(folder, source)
+    decisions = list(dict.fromkeys([*source.reasons, *tools]))
     if json_output:
         print_json(
             {
                 "format": "dualarm.project/1",
                 "folder": str(folder),
                 "files": files,
-                "decisions": list(source.reasons),
+                "decisions": decisions,
             }
         )
         return
+    for tool in decisions[len(dict.fromkeys(source.reasons)) :]:
+        print_message(tool)
     print_message(f"written: {', '.join(str(folder / name) for name in OWN_FILES)}")
     print_message("next:")
     for command, what in NEXT:

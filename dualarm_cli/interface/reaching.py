@@ -21,17 +21,13 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job
 from dualarm_cli.notes import Note, NoteTable
-from dualarm_cli.reachability.proposed_tool import with_tools
 from dualarm_cli.reachability.reach_map import reach_map
 from dualarm_cli.reachability.region import best_height, platform_positions, region
 from dualarm_cli.report.reach import reach_document
 from dualarm_cli.robot_import.contacts import bare_cell
+from dualarm_cli.robot_import.proposed_tool import with_tools
 
-_note = NoteTable(
-    "tools",
-    assumed="tools are assumed, no cell file names them: {tools:*; }",
-    tool="{arm}: along {axis} of the flange, {mm:.3g} mm long",
-)
+_note = NoteTable("tools", assumed="no cell file names the tools")
 MOST_NODES = 400_000
 """Maximum number of points over all platform angles."""
 MAX_TILT = 90.0
@@ -99,18 +95,16 @@ def reach_cell(robot: str) -> tuple[Cell, list[Note]]:
         path = path / (CELL_FILE if (path / CELL_FILE).is_file() else ROBOT_FILE)
     if robot in bundled_robots() or not path.is_file():
         cell = bare_cell(load_robot(robot).robot)
-    elif read_document(Project.of(path), path, str(path)).data["dualarm"] == "cell/1":
-        cell = load_cell(path).cell
     else:
-        cell = bare_cell(load_robot(path).robot)
-    if any(tool.shapes or not tool.tcp.isIdentity() for tool in cell.tools.values()):
-        return cell, []
+        data = read_document(Project.of(path), path, str(path)).data
+        if data["dualarm"] == "cell/1":
+            cell = load_cell(path).cell
+            if "tools" in data:
+                return cell, []
+        else:
+            cell = bare_cell(load_robot(path).robot)
     cell, tools = with_tools(cell)
-    assumed = [
-        _note("tool", arm=arm, axis=tool.axis, mm=(tool.start + tool.length) * 1e3)
-        for arm, tool in tools.items()
-    ]
-    return cell, [_note("assumed", tools=assumed)]
+    return cell, [_note("assumed"), *(tool.note for tool in tools.values())]
 
 
 def inverse_kinematics(

@@ -180,6 +180,24 @@ class Robot:
         """Names of the prismatic joints."""
         return sliding_joints(self.urdf).intersection(self.joints)
 
+    @cached_property
+    def hands(self) -> Mapping[str, tuple[str, ...]]:
+        """Links beyond the link that an arm's last joint moves, by arm: its own hand."""
+        below: dict[str, list[str]] = {}
+        ends: dict[str, str] = {}
+        for joint in ElementTree.fromstring(self.urdf).findall("joint"):
+            parent, child = (joint.find(end) for end in ("parent", "child"))
+            assert parent is not None and child is not None  # the reader refuses such a file
+            below.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
+            ends[joint.get("name", "")] = child.get("link", "")
+        hands = {}
+        for arm in self.arms:
+            links = list(below.get(ends[arm.joints[-1]], ()))
+            for link in links:
+                links += below.get(link, ())
+            hands[arm.name] = tuple(links)
+        return hands
+
     @property
     def without_closed_form(self) -> tuple[str, ...]:
         """Names of the arms whose kind is not `srs`."""

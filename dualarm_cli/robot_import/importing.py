@@ -34,7 +34,12 @@ from dualarm_cli.model.shape import Hull, Shape, VisualMesh
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.confined import XacroInput
-from dualarm_cli.robot_import.contacts import Contact, contact_reasons, find_contacts
+from dualarm_cli.robot_import.contacts import (
+    Contact,
+    bare_cell,
+    contact_reasons,
+    find_contacts,
+)
 from dualarm_cli.robot_import.convex_parts import convex_parts
 from dualarm_cli.robot_import.expanded_text import (
     check_arguments,
@@ -50,6 +55,7 @@ from dualarm_cli.robot_import.joint_limits import (
     read_joint_limits,
     with_limits,
 )
+from dualarm_cli.robot_import.proposed_tool import proposed_tools
 from dualarm_cli.robot_import.srdf import Srdf, named_tips, read_srdf
 from dualarm_cli.robot_import.structure import Structure, count_of, find_structure
 
@@ -113,6 +119,12 @@ def import_robot(request: ImportRequest) -> Imported:
         InputError: a file cannot be used.
         UsageError: the tree is ambiguous; the message names the option.
     """
+    with tempfile.TemporaryDirectory() as folder:
+        return _imported(request, Path(folder))
+
+
+def _imported(request: ImportRequest, folder: Path) -> Imported:
+    """Import a robot, with its files in a temporary folder while they are checked."""
     given = XacroInput(request.arguments, request.packages)
     sources = [read_expanded(path, given) for path in (request.urdf, request.srdf) if path]
     check_arguments(request.arguments, *sources)
@@ -141,18 +153,22 @@ def import_robot(request: ImportRequest) -> Imported:
         sliding=sliding,
     )
     files = {text.urdf: description.text.encode(), **description.meshes}
-    first = _loaded(urdf, files, robot_text(text))
-    contacts, often = find_contacts(first.robot, srdf.contacts, request.seed)
-    text = replace(text, contacts=contacts, suggested=often)
-    postures = find_postures(_loaded(urdf, files, robot_text(text)).robot, srdf, request.seed)
+    for path, content in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(content)
+    first = _loaded(urdf, folder, text).robot
+    contacts, often = find_contacts(first, srdf.contacts, request.seed)
+    tools = [tool.note for tool in proposed_tools(bare_cell(first)).values()]
+    text = replace(text, contacts=contacts, suggested=often, tools=tools)
+    postures = find_postures(_loaded(urdf, folder, text).robot, srdf, request.seed)
     text = replace(text, postures=postures.values, comments=postures.comments)
-    content = robot_text(text)
-    loaded = _loaded(urdf, files, content)
+    loaded = _loaded(urdf, folder, text)
     reasons = [
         *program_notes(urdf.source),
         *(variant_notes(urdf.source) if len(structure.arms) == 1 and not request.tips else ()),
         *srdf.notes,
         *structure.reasons,
+        *tools,
         *description.reasons,
         *meshes.notes,
         *limits.reasons,
@@ -162,9 +178,8 @@ def import_robot(request: ImportRequest) -> Imported:
     reasons += [*contact_reasons(contacts, often), *postures.reasons]
     # The description's reasons already list the meshes taken as hulls or parts.
     reasons += [note for note in loaded.notes if note.key != "hulls"]
-    return Imported(
-        _file_name(name), {**files, "robot.yaml": content.encode()}, loaded, tuple(reasons)
-    )
+    files["robot.yaml"] = robot_text(text).encode()
+    return Imported(_file_name(name), files, loaded, tuple(reasons))
 
 
 def _near_zero(urdf: Urdf, structure: Structure) -> dict[str, float]:
@@ -177,23 +192,18 @@ def _file_name(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_").lower() or "robot"
 
 
-def _loaded(urdf: Urdf, files: Mapping[str, bytes], robot_file: str) -> LoadedRobot:
-    """Load the robot from its files, as `plan` does.
+def _loaded(urdf: Urdf, folder: Path, text: RobotText) -> LoadedRobot:
+    """Load the robot from its folder, as `plan` does.
 
     Raises:
-        InputError: they cannot be used; reported at the place in the URDF.
+        InputError: the files cannot be used; reported at the place in the URDF.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        for name, content in files.items():
-            path = Path(folder) / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
-        path = Path(folder) / "robot.yaml"
-        path.write_text(robot_file, encoding="utf-8")
-        try:
-            return load_robot(path)
-        except InputError as error:
-            raise InputError([_in_urdf(urdf, entry) for entry in error.diagnostics]) from None
+    path = folder / "robot.yaml"
+    path.write_text(robot_text(text), encoding="utf-8")
+    try:
+        return load_robot(path)
+    except InputError as error:
+        raise InputError([_in_urdf(urdf, entry) for entry in error.diagnostics]) from None
 
 
 def _in_urdf(urdf: Urdf, diagnostic: Diagnostic) -> Diagnostic:
@@ -376,6 +386,8 @@ class RobotText:
     """Comments on postures, by their names."""
     sliding: frozenset[str] = frozenset()
     """Joints that slide."""
+    tools: Sequence[Note] = ()
+    """Direction and length of each arm's tool, with the reason."""
 
 
 def robot_text(robot: RobotText) -> str:
@@ -387,7 +399,7 @@ def robot_text(robot: RobotText) -> str:
     structure = robot.structure
     lines = [
         "# Written by `dualarm robot import`. Replace what is `assumed` where you know better.",
-        *(f"# {_line(reason)}" for reason in structure.reasons),
+        *(f"# {_line(reason)}" for reason in (*structure.reasons, *robot.tools)),
         "dualarm: robot/1",
         f"name: {_text(robot.name)}",
         f"urdf: {_text(robot.urdf)}",

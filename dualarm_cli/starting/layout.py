@@ -22,7 +22,6 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell, Obstacle
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.reachability.filling import Postures
-from dualarm_cli.reachability.proposed_tool import ProposedTool, with_tools
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
 from dualarm_cli.reachability.region import (
     REGION,
@@ -35,6 +34,7 @@ from dualarm_cli.reachability.table_grid import TableGrid
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.robot_import.contacts import in_model_order
+from dualarm_cli.robot_import.proposed_tool import ProposedTool, with_tools
 
 
 @dataclass(frozen=True)

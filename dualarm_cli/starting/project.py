@@ -12,7 +12,8 @@ from dualarm_cli.exporting.whole_files import write_file
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.reachability.proposed_tool import ProposedTool
+from dualarm_cli.notes import Note
+from dualarm_cli.robot_import.proposed_tool import ProposedTool
 from dualarm_cli.schemas import editor_line, schema_text
 from dualarm_cli.starting.layout import LAYOUT, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource
@@ -80,8 +81,8 @@ def refuse_used_folder(folder: Path) -> None:
         raise OutputError(f"{folder}: {what}; name a new folder")
 
 
-def start_project(folder: Path, source: RobotSource) -> list[str]:
-    """Write a project for a robot atomically, and return its file paths.
+def start_project(folder: Path, source: RobotSource) -> tuple[list[str], list[Note]]:
+    """Write a project for a robot atomically, and return its file paths and notes on tools.
 
     Args:
         folder: new or empty.
@@ -114,7 +115,7 @@ def start_project(folder: Path, source: RobotSource) -> list[str]:
                 project.rename(folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
-    return list(files)
+    return list(files), [tool.note for tool in layout.tools.values()]
 
 
 def _write(folder: Path, files: Mapping[str, bytes]) -> None:
@@ -156,14 +157,14 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
         source: the robot.
         layout: of the cell.
     """
-    grippers = "the robot's own hand" if any(t.hand for t in layout.tools.values()) else "a gripper"
     lines = [
         "# The cell: a robot, its tools, and what stands around it. Written by `dualarm init`: replace it by yours.",
         "dualarm: cell/1",
         source.entry,
-        f"tools:                 # {grippers} on each flange; its tool centre point (tcp) has z along the tool",
+        "tools:                 # the tool centre point (tcp) of each has z along the tool",
     ]
-    lines += [f"  {arm}: {_tool(tool)}" for arm, tool in layout.tools.items()]
+    for arm, tool in layout.tools.items():
+        lines += [f"  # {tool.note}", f"  {arm}: {_tool(tool)}"]
     lines.append(
         "frames:                # targets are in these; x, y and z are in m from the robot's root, z is up"
     )
@@ -257,9 +258,11 @@ def _tool(tool: ProposedTool) -> str:
     """Format a tool for the cell file."""
     turned = f", rpy: [{', '.join(_degrees(angle) for angle in tool.rpy)}]" if any(tool.rpy) else ""
     tcp, middle = (
-        f"xyz: [{', '.join(_mm(value) for value in tool.along(distance).translation)}]{turned}"
-        for distance in (tool.start + tool.length, tool.start + 0.5 * tool.length)
+        f"xyz: [{', '.join(_mm(value) for value in pose.translation)}]{turned}"
+        for pose in (tool.tcp, tool.middle)
     )
+    if not tool.length:
+        return f"{{tcp: {{{tcp}}}}}"
     form = f"radius: {_mm(tool.radius)}, length: {_mm(tool.length - 2.0 * tool.radius)}"
     return f"{{tcp: {{{tcp}}}, shapes: [{{capsule: {{{form}}}, {middle}}}]}}"
 

@@ -85,7 +85,7 @@ def test_a_table_and_a_picture(capsys):
     out = capsys.readouterr().out
     assert "platform °" in out
     assert "any" in out
-    assert "tools are assumed" in out
+    assert "no cell file names the tools" in out
     assert run([*words, "--out", "two.svg"]) == 0
     assert Path("one.svg").read_bytes() == Path("two.svg").read_bytes()
     assert run([*words, "--out", "two.svg"]) == 2

@@ -13,11 +13,11 @@ from dualarm_cli.collision.solids import cell_solids, geometry_model, pairs_that
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.reachability.proposed_tool import with_tools
 from dualarm_cli.reachability.reach_map import reach_map
 from dualarm_cli.reachability.region import best_height, platform_positions, region
 from dualarm_cli.reachability.table_grid import YAWS, TableGrid, flange_poses
 from dualarm_cli.robot_import.contacts import bare_cell
+from dualarm_cli.robot_import.proposed_tool import with_tools
 
 HEIGHTS = {"sda10f": 0.8, "iiwa7": 0.1, "qin_150": 0.2, "yumi": 0.1, "nextage": 0.95}
 
