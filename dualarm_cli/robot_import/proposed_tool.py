@@ -166,7 +166,10 @@ class _Beyond:
     shaped: tuple[str, ...]
     """Links of the hand with shapes."""
     hand: FloatArray
-    """Lower and upper corner of the hand's shapes [m], shape (k, 2, 3); k is 0 without any."""
+    """Lower and upper corner of the hand's shapes [m], shape (k, 2, 3).
+
+    k is 0 without shapes, else 1.
+    """
     last: FloatArray
     """Lower and upper corner of the shapes that the last joint moves otherwise [m], likewise."""
 
@@ -222,7 +225,7 @@ def _extent(solid: Solid) -> FloatArray:
 
 
 def _box(corners: Sequence[FloatArray]) -> FloatArray:
-    """Compute the lower and upper corner around points [m], shape (k, 2, 3), k up to 1."""
+    """Compute the box around points [m]: lower and upper corner, shape (k, 2, 3)."""
     if not corners:
         return np.zeros((0, 2, 3))
     rows = np.concatenate(corners)
@@ -270,28 +273,31 @@ def _tool(cell: Cell, arm: Arm, kinematics: GeneralArm) -> ProposedTool:
     data = {"arm": arm.name, "axis": axis, "flange": arm.flange, "why": why}
     along = np.array(_DIRECTIONS[axis][0])
     if "tcp" in words(arm.flange):
-        return _with_hand("named", data, np.zeros(3))
+        return ProposedTool(axis, (0.0, 0.0, 0.0), _note("named", **data))
     for link, origin in beyond.frames.items():
         if "tcp" in words(link) and product(origin, along) > TOOL.beyond:
-            return _with_hand("frame", data | {"frame": link}, np.round(origin, 6))
+            note = _note("frame", frame=link, mm=1e3 * float(norm(origin)), **data)
+            return ProposedTool(axis, _point(origin), note)
+    end = 0.0
     for box in beyond.hand:
         behind, ahead = sorted(product(box, along).tolist())
         if beyond.is_named or ahead - behind > TOOL.hand:
             if behind < 0.0 and ahead <= -behind:
-                return _with_hand("within", data, np.zeros(3))
-            if ahead > TOOL.beyond:
-                return _with_hand("hand", data, round(ahead, 3) * along)
+                return ProposedTool(axis, (0.0, 0.0, 0.0), _note("within", **data))
+            end = ahead if ahead > TOOL.beyond else 0.0
     for box in beyond.last:
         ahead = max(product(box, along).tolist())
-        if ahead > TOOL.hand:
-            return _with_hand("hand", data, round(ahead, 3) * along)
+        end = end or (ahead if ahead > TOOL.hand else 0.0)
+    if end:
+        note = _note("hand", mm=1e3 * end, **data)
+        return ProposedTool(axis, _point(end * along), note)
     return _gripper(cell, arm, kinematics.length, data)
 
 
-def _with_hand(key: str, data: Mapping[str, object], tip: FloatArray) -> ProposedTool:
-    x, y, z = (tip + 0.0).tolist()
-    note = _note(key, mm=1e3 * float(norm(tip)), **data)
-    return ProposedTool(str(data["axis"]), (x, y, z), note)
+def _point(place: FloatArray) -> tuple[float, float, float]:
+    """Round a point to 1 mm."""
+    x, y, z = (np.round(place, 3) + 0.0).tolist()
+    return x, y, z
 
 
 def _gripper(cell: Cell, arm: Arm, reach: float, data: Mapping[str, object]) -> ProposedTool:
@@ -302,9 +308,9 @@ def _gripper(cell: Cell, arm: Arm, reach: float, data: Mapping[str, object]) -> 
     axis, tools = str(data["axis"]), []
     for share in TOOL.longer:
         whole = step * round(share * length / step) + length
-        x, y, z = (whole * np.array(_DIRECTIONS[axis][0]) + 0.0).tolist()
+        tip = _point(whole * np.array(_DIRECTIONS[axis][0]))
         note = _note("gripper", mm=1e3 * whole, **data)
-        tools.append(ProposedTool(axis, (x, y, z), note, length, radius))
+        tools.append(ProposedTool(axis, tip, note, length, radius))
     return next((tool for tool in tools if _has_room(cell, arm, tool)), tools[0])
 
 
