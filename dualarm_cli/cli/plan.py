@@ -285,20 +285,22 @@ def _read(tasks: Path) -> Job:
 
 def _plan_watched(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     """Plan a job with progress on the terminal; Ctrl-C keeps the best plan so far."""
-    from contextlib import nullcontext
+    from contextlib import AbstractContextManager, nullcontext
 
     from dualarm_cli.background import allow_workers, usable_cores
-    from dualarm_cli.cli.parts.while_planning import Interrupts, StatusLine
+    from dualarm_cli.cli.parts.while_planning import Interrupts, StatusLine, lines_of_progress
     from dualarm_cli.interface import planned
     from dualarm_cli.orders.watch import Watch
 
     watch = Watch(limit=settings.time_limit)
     # Rich is loaded only where something is shown.
     console = None if quiet else stderr_console()
+    shown: AbstractContextManager[object] = nullcontext()
+    if console is not None:
+        status = StatusLine(watch, "planning")
+        shown = console.status(status) if console.is_terminal else lines_of_progress(status)
     with (
-        console.status(StatusLine(watch, "planning"))
-        if console and console.is_terminal
-        else nullcontext(),
+        shown,
         Interrupts(watch, quiet=quiet),
         allow_workers(usable_cores() > 1),
     ):

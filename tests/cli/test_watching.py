@@ -15,7 +15,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from dualarm_cli.cli.parts.while_planning import STOPPING, StatusLine
+from dualarm_cli.cli.parts import while_planning
+from dualarm_cli.cli.parts.while_planning import STOPPING, StatusLine, lines_of_progress
 from dualarm_cli.cli.run import run
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.notes import order_note
@@ -238,3 +239,19 @@ def test_a_limit_that_is_not_reached_changes_nothing_but_its_record(open_order, 
     assert written[0][0]["provenance"]["settings"].pop("time_limit") is None
     assert written[1][0]["provenance"]["settings"].pop("time_limit") == 60_000.0
     assert written[0] == written[1]
+
+
+def test_without_a_terminal_progress_is_a_line_from_time_to_time(monkeypatch, capfd):
+    """None before the interval has passed, and none after the plan."""
+    line = StatusLine(Watch(), "planning")
+    with lines_of_progress(line):
+        pass
+    monkeypatch.setattr(while_planning, "INTERVAL", 0.02)
+    with lines_of_progress(line):
+        line.tell("verifying")
+        time.sleep(0.2)
+    time.sleep(0.05)
+    lines = capfd.readouterr().err.splitlines()
+    assert set(lines) == {"verifying: 0 s"} and 1 < len(lines) <= 10
+    time.sleep(0.05)
+    assert capfd.readouterr().err == ""

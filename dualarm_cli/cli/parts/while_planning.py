@@ -9,10 +9,11 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import time
 import webbrowser
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING
@@ -143,6 +144,28 @@ class StatusLine:
         from rich.text import Text
 
         return Text(self.words(), no_wrap=True, overflow="ellipsis")
+
+
+INTERVAL = 30.0
+"""Time between two lines of progress where stderr is no terminal [s]."""
+
+
+@contextmanager
+def lines_of_progress(status: StatusLine) -> Iterator[None]:
+    """Write the status to stderr from time to time; short plans write none."""
+    ended = threading.Event()
+
+    def write() -> None:
+        # Signals are for the main thread, which blocks them while it forks.
+        signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+        while not ended.wait(INTERVAL):
+            _say(status.words())
+
+    threading.Thread(target=write, daemon=True).start()
+    try:
+        yield
+    finally:
+        ended.set()
 
 
 PAUSE = 0.3
