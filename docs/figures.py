@@ -132,7 +132,7 @@ DRAWINGS = {
     ),
 }
 """Figures of the docs: the command of a page that draws each, and the file that it writes."""
-MOMENTS = {"10_seam": 0.45, "13_hand_over": 0.3}
+MOMENTS = {"09_yumi": 0.65, "10_seam": 0.45, "13_hand_over": 0.3}
 """Instant of a screen picture as a share of the cycle; a third for all others."""
 HERO = "04_packing"
 """Job of the README's picture."""

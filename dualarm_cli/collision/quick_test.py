@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 
 import coal
 import numpy as np
@@ -56,6 +57,9 @@ class QuickSettings:
 
 
 QUICK = QuickSettings()
+
+Places = Callable[[int, int], coal.Transform3s]
+"""Place of a solid, by its number, in a posture, by its row."""
 
 
 OVERLAP = 3e-4
@@ -335,9 +339,10 @@ class QuickTest:
     ) -> Iterator[tuple[str, str, float]]:
         """Iterate over pairs: names of bodies and margin [m] at a position (columns,)."""
         frames = self._tree.frames(position[None], {s.joint for s in self._solids})
+        places = self._places(frames)
         for pair in pairs:
             solid_a, solid_b = self._solids[pair.first], self._solids[pair.second]
-            yield solid_a.label, solid_b.label, self._margin(pair, frames, 0)
+            yield solid_a.label, solid_b.label, self._margin(pair, places, 0)
 
     def _movers_of(self, pair: Pair) -> set[str]:
         return self._moved_by[pair.first] | self._moved_by[pair.second]
@@ -392,6 +397,7 @@ class QuickTest:
         certain = np.where(doubted[:, rows], np.inf, rough[:, rows]).min(axis=0)
         certain = np.minimum(certain, sure[rows])
         remaining = np.flatnonzero((doubted[:, rows] & (rough[:, rows] < certain)).any(axis=0))
+        places = self._places(frames)
         for k, row, least in zip(
             remaining.tolist(), rows[remaining].tolist(), certain[remaining].tolist(), strict=True
         ):
@@ -400,26 +406,34 @@ class QuickTest:
             for number in numbers[np.argsort(rough[numbers, row], kind="stable")].tolist():
                 if rough[number, row] >= least:
                     break
-                rough[number, row] = self._margin(group.rough[number], frames, k)
+                rough[number, row] = self._margin(group.rough[number], places, k)
                 least = min(least, rough[number, row])
 
-    def _margin(
-        self, pair: Pair, frames: Mapping[int, tuple[FloatArray, FloatArray]], row: int
-    ) -> float:
-        """Compute the margin of a pair in one of n postures, by coal [m]."""
-        places = []
-        for number in (pair.first, pair.second):
+    def _places(self, frames: Mapping[int, tuple[FloatArray, FloatArray]]) -> Places:
+        """Return the place of a solid in one of n postures, computed once and kept."""
+
+        @cache
+        def turns_and_points(number: int) -> tuple[FloatArray, FloatArray]:
             solid = self._solids[number]
             R, p = frames[solid.joint]
-            R_joint = product(R[..., row], self._tree.R_joint_own[solid.joint].T)
-            places.append(
-                pin.SE3(
-                    product(R_joint, solid.pose.rotation),
-                    p[:, row] + product(R_joint, solid.pose.translation),
-                )
-            )
-        solid_a, solid_b = self._solids[pair.first], self._solids[pair.second]
-        return _distance(solid_a, solid_b, places) - pair.required
+            R_joint = product(np.moveaxis(R, -1, 0), self._tree.R_joint_own[solid.joint].T)
+            turned = product(R_joint, solid.pose.translation)
+            return product(R_joint, solid.pose.rotation), np.moveaxis(p, -1, 0) + turned
+
+        @cache
+        def place(number: int, row: int) -> coal.Transform3s:
+            R, p = turns_and_points(number)
+            return coal.Transform3s(R[row], p[row])
+
+        return place
+
+    def _margin(self, pair: Pair, places: Places, row: int) -> float:
+        """Compute the margin of a pair in one of n postures, by coal [m]."""
+        first, second = pair.first, pair.second
+        distance = solid_distance(
+            self._solids[first], places(first, row), self._solids[second], places(second, row)
+        )
+        return distance - pair.required
 
     def _grouped(self, pairs: Sequence[Pair]) -> PairGroup:
         return pair_group(self._solids, self._hulls, self._tree, pairs)
