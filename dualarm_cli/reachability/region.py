@@ -56,7 +56,7 @@ class Region:
     high: float
     """Height of the highest shoulder [m]."""
     easy: tuple[float, float]
-    """Range of heights for easy work: from the robot's base to below the shoulders [m]."""
+    """Range of heights for easy work: the base's, and from there to below the shoulders [m]."""
     step: float
     """Grid spacing for the shortest arm [m]."""
     home: FloatArray
@@ -116,6 +116,7 @@ def region(cell: Cell) -> Region:
     travel = float(np.abs(along).max()) + max(slides)
     max_step = REGION.step_share * float(reach.min())
     step = max((s for s in REGION.steps if s <= max_step + 1e-9), default=REGION.steps[0])
+    base = float(cell.base.translation[2])
     return Region(
         (float(centre[0]), float(centre[1])),
         (float(at[0, 0] - at[-1, 0]), float(at[0, 1] - at[-1, 1])),
@@ -123,7 +124,7 @@ def region(cell: Cell) -> Region:
         travel if np.isfinite(travel) else 0.0,
         float((at[:, 2] - reach).min()),
         float(at[:, 2].max()),
-        (float(cell.base.translation[2]), float((at[:, 2] - REGION.below * reach).max())),
+        (base, max(base + step, float((at[:, 2] - REGION.below * reach).max()))),
         step,
         home,
     )
@@ -166,7 +167,8 @@ def heights_reached(cell: Cell, here: Region, line: float = 0.0) -> tuple[FloatA
         Heights of the tool centre point [m], shape (h,), and the map.
     """
     step = REGION.coarser * here.step
-    heights = np.arange(np.ceil(here.low / step), np.floor(here.high / step) + 1) * step
+    # Tables at the other end of the line are then on multiples of the spacing: that of the root's height is among them.
+    heights = np.arange(np.ceil(here.low / step), np.floor(here.high / step) + 1) * step + line
     return heights, reach_map(cell, here.grid(here.home[None], heights, step), line)
 
 

@@ -37,6 +37,8 @@ class HomeSettings:
     """Preferred depth of tools below the shoulder, as a fraction of the reach."""
     above: float = 0.25
     """Minimum preferred height of tools above the robot's root, as a fraction of the reach."""
+    down: float = 0.9962
+    """Minimum cosine between a mirrored tool and the vertical: 5 degrees."""
     mirror: float = 0.01
     """Largest distance of mirrored axes [m] and largest sine of their angle [rad]."""
 
@@ -97,6 +99,8 @@ def _home_at(
         columns = robot.columns(robot.arm("right").joints)
         right = best["left"] * signs
         within = (right >= robot.limits.lower[columns]) & (right <= robot.limits.upper[columns])
+        # The tools mirror too, unless they are mounted otherwise.
+        within[:, 0] &= rating.tools(right)[0][:, 2, 2] < -SETTINGS.down
         left, right = (q[within.all(axis=1)] for q in (best["left"], right))
         rows = combined({"left": left, "right": right})
         usable = np.flatnonzero(~touches(robot, rows, ["left", "right"]))

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.clearance import SLACK, CellClearance
-from dualarm_cli.collision.solids import WORLD, cell_solids
+from dualarm_cli.collision.solids import cell_solids
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry import products
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
@@ -89,8 +89,6 @@ class Row:
     """Centre [m]."""
     along: str
     """Axis along which the row runs: x or y."""
-    shared: bool
-    """Flag of a row that both arms reach completely."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ def find_layout(bare: Cell, name: str) -> Layout:
     cell = replace(cell, clearance=min(LAYOUT.clearance, 0.1 * here.step))
     heights, reach = heights_reached(cell, here, 0.5 * here.step)
     if not reach.both.any() and not all(reach.reached(arm).any() for arm in reach.postures):
-        raise _refused("no_table", name)
+        raise InfeasibleError(Refusal("no_table", data={"robot": name}))
     room = False
     for arms_at_home in (True, False):
         for table in _tables(cell, here, heights, reach, arms_at_home):
@@ -152,15 +150,21 @@ def find_layout(bare: Cell, name: str) -> Layout:
             layout = _on_table(cell, tools, here, table)
             if layout is not None:
                 return layout
-    raise _refused("no_room_on_table" if room else "no_room_for_table", name)
+    key = "no_room_on_table" if room else "no_room_for_table"
+    raise InfeasibleError(Refusal(key, data={"robot": name}))
 
 
 def _tables(
     cell: Cell, here: Region, heights: FloatArray, reach: ReachMap, arms_at_home: bool
 ) -> list[Table]:
-    """List the tables with the largest reach, best first; easily reached heights come first."""
+    """List the tables with the largest reach, best first; those below the tools at home come first.
+
+    Of these, easily reached heights come first.
+    """
     step, grid = here.step, reach.grid
-    front, easy = _front(cell, here, grid), here.is_easy(heights)
+    model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
+    tips = np.array([model.tool_position(arm, home) for arm in model.arms])
+    front, easy = _front(tips, here, grid), here.is_easy(heights)
     ranked = []
     for k, height in enumerate(heights):
         top, thickness = round(float(height) - 0.5 * step, 4), min(0.04, step)
@@ -169,8 +173,9 @@ def _tables(
         score, rows, columns = most_reached(reached, free, front)
         if np.isfinite(score):
             table = _under(grid.x[columns], grid.y[rows], REGION.coarser * step, (top, thickness))
-            ranked.append((not easy[k], -score, k, table))
-    return [table for *_, table in sorted(ranked, key=lambda row: row[:3])[: LAYOUT.tables_tried]]
+            above = top >= tips[:, 2].min()
+            ranked.append((above, not easy[k], -score, k, table))
+    return [table for *_, table in sorted(ranked, key=lambda row: row[:4])[: LAYOUT.tables_tried]]
 
 
 def _on_table(
@@ -202,10 +207,6 @@ def _on_table(
     return Layout(tools, trays, boxes, height, step, table, cell.clearance, at_home)
 
 
-def _refused(key: str, name: str) -> InfeasibleError:
-    return InfeasibleError(Refusal(key, data={"robot": name}))
-
-
 def _under(x: FloatArray, y: FloatArray, step: float, levels: tuple[float, float]) -> Table:
     """Build the table under a block of nodes."""
     low = (round(float(x[0] - 0.5 * step), 4), round(float(y[0] - 0.5 * step), 4))
@@ -213,21 +214,24 @@ def _under(x: FloatArray, y: FloatArray, step: float, levels: tuple[float, float
     return Table(low, high, *levels)
 
 
-def _front(cell: Cell, here: Region, grid: TableGrid) -> FloatArray:
-    """Compute weights of nodes, shape (ny, nx), larger in front.
+def _front(tips: FloatArray, here: Region, grid: TableGrid) -> FloatArray:
+    """Compute weights of nodes, shape (ny, nx): larger in front, zero behind.
 
     The front is the side of the tools at home.
+
+    Args:
+        tips: positions of the tools at home [m], shape (arms, 3).
+        here: region of the cell.
+        grid: the nodes.
     """
-    model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
-    tips = np.mean([model.tool_position(arm, home)[:2] for arm in model.arms], axis=0)
-    ahead = tips - np.array(here.centre)
+    ahead = tips[:, :2].mean(axis=0) - np.array(here.centre)
     if products.norm(ahead) < grid.step:
         ahead = np.array([1.0, 0.0])
     away = np.stack(np.meshgrid(grid.x, grid.y), axis=-1) - np.array(here.centre)
     cosine = products.product(away, ahead) / (
         products.norm(ahead) * np.maximum(products.norm(away, axis=-1), 1e-9)
     )
-    return np.asarray(1.0 + LAYOUT.front * cosine)
+    return np.where(cosine >= -1e-9, 1.0 + LAYOUT.front * cosine, 0.0)
 
 
 def _starts_at_home(cell: Cell, top: float) -> bool:
@@ -250,7 +254,6 @@ def _rows(
         for c, side in zip(here.centre[::-1], (grid.y, grid.x), strict=True)
     ]
     count = LAYOUT.picks // len(reaches)
-    both = reach.both[0, 0]
     model, clearance = CellModel.from_cell(cell), CellClearance.of(cell, ())
     # Start as far from the border as possible, and move nearer if rows are lacking.
     for depth in range(LAYOUT.depth, 0, -1):
@@ -259,8 +262,7 @@ def _rows(
             work = dict(zip(reaches, chosen, strict=True))
             if len(work) == 1 or _clear_of_each_other(model, clearance, reaches, work):
                 rows_by_arm = [
-                    {arm: _row(reach.grid, nodes[k], both) for arm, nodes in work.items()}
-                    for k in (0, 1)
+                    {arm: _row(reach.grid, nodes[k]) for arm, nodes in work.items()} for k in (0, 1)
                 ]
                 return rows_by_arm[0], rows_by_arm[1]
     return None
@@ -380,13 +382,13 @@ def _clear_of_each_other(
     return bool((test.margins(test.cross(), np.array(rows)) >= SLACK).all())
 
 
-def _row(grid: TableGrid, nodes: Nodes, both: BoolArray) -> Row:
+def _row(grid: TableGrid, nodes: Nodes) -> Row:
     """Convert a row of nodes to rounded file values."""
     y, x = (
         float(np.mean([side[node[k]] for node in nodes])) for k, side in enumerate((grid.y, grid.x))
     )
     along = "y" if nodes[0][1] == nodes[-1][1] else "x"
-    return Row((round(x, 4), round(y, 4)), along, all(bool(both[node]) for node in nodes))
+    return Row((round(x, 4), round(y, 4)), along)
 
 
 @dataclass(frozen=True)
@@ -443,15 +445,11 @@ def room_for_table(
     for k, q in enumerate(in_model_order(model, cell.robot, turned)):
         pin.forwardKinematics(model, data, q)
         for solid in solids:
-            if solid.joint in moved and (k or not arms):
+            if isinstance(solid.geometry, coal.Halfspace) or (
+                solid.joint in moved and (k or not arms)
+            ):
                 continue
-            if isinstance(solid.geometry, coal.Halfspace):
-                continue
-            pose = (
-                cell.base
-                * (pin.SE3.Identity() if solid.joint == WORLD else data.oMi[solid.joint])
-                * solid.pose
-            )
+            pose = cell.base * data.oMi[solid.joint] * solid.pose
             body = coal.CollisionObject(solid.geometry, pose.rotation, pose.translation).getAABB()
             low, high = np.array(body.min_), np.array(body.max_)
             if low[2] - LAYOUT.room < levels[1] and high[2] + LAYOUT.room > levels[0]:

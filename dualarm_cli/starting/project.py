@@ -168,11 +168,9 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
     lines.append(
         "frames:                # targets are in these; x, y and z are in m from the robot's root, z is up"
     )
-    many = len(layout.trays) > 1
     for arm, (tray, box) in zip(layout.trays, _pairs(layout), strict=True):
         for kind, row in (("tray", tray), ("box", box)):
-            note = "  # both arms reach it" if many and row.shared else ""
-            lines.append(f"  {kind}_{arm}: {_frame(row, layout.height)}{note}")
+            lines.append(f"  {kind}_{arm}: {_frame(row, layout.height)}")
     x, y, z = layout.table.middle
     size = ", ".join(f"{_number(side)}" for side in layout.table.size)
     lines += [
