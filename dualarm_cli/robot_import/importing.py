@@ -158,9 +158,11 @@ def _imported(request: ImportRequest, folder: Path) -> Imported:
         (folder / path).write_bytes(content)
     first = _loaded(urdf, folder, text).robot
     contacts, often = find_contacts(first, srdf.contacts, request.seed)
-    tools = [tool.note for tool in proposed_tools(bare_cell(first)).values()]
+    proposed = proposed_tools(bare_cell(first))
+    tools = [tool.note for tool in proposed.values()]
     text = replace(text, contacts=contacts, suggested=often, tools=tools)
-    postures = find_postures(_loaded(urdf, folder, text).robot, srdf, request.seed)
+    tcps = {arm: tool.tcp for arm, tool in proposed.items()}
+    postures = find_postures(_loaded(urdf, folder, text).robot, tcps, srdf, request.seed)
     text = replace(text, postures=postures.values, comments=postures.comments)
     loaded = _loaded(urdf, folder, text)
     reasons = [
