@@ -31,6 +31,8 @@ class HomeSettings:
     """Maximum number of postures tested for collisions, best first."""
     few: int = 40
     """Number of postures of each arm that are combined with the other arm's."""
+    room: float = 0.05
+    """Minimum distance to a joint limit, as a fraction of the joint's range."""
     ahead: float = 0.45
     """Preferred distance of tools in front of the shoulder, as a fraction of the reach."""
     below: float = 0.35
@@ -139,13 +141,17 @@ class _Rating:
         R = product(product(R_world, R), self.T_flange_tcp.rotation)
         return R, product(p, R_world.T) + self.T_world_carried.translation
 
+    def room(self, q: FloatArray) -> FloatArray:
+        """Compute the least distance to a joint limit, as a fraction of its range, shape (n,)."""
+        columns = self.robot.columns(self.robot.arm(self.name).joints)
+        lower, upper = (side[columns] for side in sampled_range(self.robot))
+        share = np.abs(q - 0.5 * (lower + upper)) / np.maximum(upper - lower, 1e-9)
+        return np.asarray(0.5 - share.max(axis=1))
+
     def scores(self, q: FloatArray) -> FloatArray:
         """Rate postures (n, axes): tools down before the shoulder, far from limits and singular postures."""
         arm = self.numeric
         R, p = self.tools(q)
-        columns = self.robot.columns(self.robot.arm(self.name).joints)
-        lower, upper = (side[columns] for side in sampled_range(self.robot))
-        room = 0.5 - np.abs(q - 0.5 * (lower + upper)) / np.maximum(upper - lower, 1e-9)
         first, second = arm.p_parent_joint[:2]
         shoulder = self.T_world_carried.act(first + product(arm.R_parent_joint[0], second))
         reach = arm.length
@@ -153,14 +159,14 @@ class _Rating:
         aim = np.array([shoulder[0] + SETTINGS.ahead * reach, shoulder[1], height])
         singular = singular_values(arm.linearised(q)[2])[:, -1]
         return np.asarray(
-            2.0 * room.min(axis=1)
+            2.0 * self.room(q)
             - R[:, 2, 2]
             - 2.0 * norm(p - aim, axis=1) / reach
             + 2.0 * np.minimum(singular, 0.2)
         )
 
     def tools_down(self, q: FloatArray) -> FloatArray:
-        """Turn tools straight down in place; postures of others are dropped, shape (m, axes)."""
+        """Turn tools straight down in place, and drop postures at limits, shape (m, axes)."""
         R, p = self.tools(q)
         x = R[:, :, 0] * (1.0, 1.0, 0.0)
         # A level x axis stays; that of a tool along x comes from its y axis.
@@ -173,7 +179,9 @@ class _Rating:
         p = product(p - self.T_world_carried.translation, R_carried.T)
         p = p + product(R, T.translation)
         reached, error = descend(self.numeric, product(R, T.rotation), p, q)
-        return reached[(error <= INVERSE.residual).all(axis=1)]
+        return reached[
+            (error <= INVERSE.residual).all(axis=1) & (self.room(reached) >= SETTINGS.room)
+        ]
 
 
 def _mirror_signs(robot: Robot, at: FloatArray) -> FloatArray | None:
