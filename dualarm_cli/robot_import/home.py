@@ -1,4 +1,4 @@
-"""Posture home of an imported robot: tools down in front of the shoulders, mirrored where the arms mirror."""
+"""Search for the posture home of an imported robot, with tools down."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ class _Rating:
         return np.asarray(0.5 - share.max(axis=1))
 
     def scores(self, q: FloatArray) -> FloatArray:
-        """Rate postures (n, axes): tools down before the shoulder, far from limits and singular postures."""
+        """Rate postures of shape (n, axes) as home, shape (n,)."""
         arm = self.numeric
         R, p = self.tools(q)
         first, second = arm.p_parent_joint[:2]

@@ -157,9 +157,9 @@ def find_layout(bare: Cell, name: str) -> Layout:
 def _tables(
     cell: Cell, here: Region, heights: FloatArray, reach: ReachMap, arms_at_home: bool
 ) -> list[Table]:
-    """List the tables with the largest reach, best first; those below the tools at home come first.
+    """List the tables with the largest reach, best first.
 
-    Of these, easily reached heights come first.
+    Those below the tools at home come first, and of these easily reached heights.
     """
     step, grid = here.step, reach.grid
     model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
