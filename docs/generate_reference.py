@@ -343,6 +343,17 @@ def _schedule_page() -> str:
 def _report_page() -> str:
     return _joined(
         "# Report",
+        "## The numbers to read first",
+        "- `cycle_time` is the length of the motion in s; if `closes` is true, the motion repeats with this period.\n"
+        "- `lower_bound` is a time in s that no plan of these stages beats; `gap` is the rest as a share of the cycle. "
+        "A gap is no promise that a faster plan exists.\n"
+        "- `smallest_clearance` is the proven distance of the bodies that are nearest to their required clearance.\n"
+        "- `skew` says how late either arm may start before clearance is lost.\n"
+        "- `arms.<arm>.utilisation` is the busy share of an arm; `waits[]` has each wait with its reason.\n"
+        "- `stages[].bottleneck` is the joint that decides how long it takes; `sensitivity[]` is the cycle time "
+        "with an assumed limit 10 % lower or higher.\n"
+        "- `verification.passed` is the verdict; read `verification.caveats` and `assumed` with it.",
+        "## All members",
         "`report.json` holds what the terminal shows, and more. `<name>` stands for a name, `[]` for each entry of a "
         "list.",
         _members(REPORT),
