@@ -355,9 +355,9 @@ class QuickTest:
         )
 
     def _is_handed(self, pair: Pair, arms: frozenset[str]) -> bool:
-        """Check whether a pair is a handed-over part and the other arm's tool or load."""
+        """Check whether a pair is a handed-over part and the other arm's tool, hand or load."""
         solid_a, solid_b = self._solids[pair.first], self._solids[pair.second]
-        tools = {f"{arm}_tool" for arm in self.arms}
+        tools = {f"{arm}_tool" for arm in self.arms}.union(*self._cell.robot.hands.values())
         return any(
             a.carrier in arms and a.carrier != b.carrier and (b.carrier or b.body in tools)
             for a, b in ((solid_a, solid_b), (solid_b, solid_a))

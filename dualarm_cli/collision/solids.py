@@ -211,8 +211,18 @@ TOOL_REACH = 1e-3
 
 
 def tools_without_shape(cell: Cell) -> list[str]:
-    """List the tools that reach out but have no shape, changed tools included."""
-    tools = {tool_body(arm, "tool"): tool for arm, tool in cell.tools.items()}
+    """List the tools that reach out but have no shape, changed tools included.
+
+    The shapes of an arm's hand are those of its tool.
+    """
+    shaped = {
+        solid.body for solid in link_solids(pin.buildModelFromXML(cell.robot.urdf), cell.robot)
+    }
+    tools = {
+        tool_body(arm, "tool"): tool
+        for arm, tool in cell.tools.items()
+        if shaped.isdisjoint(cell.robot.hands[arm])
+    }
     for arm, changes in cell.tool_changes.items():
         tools |= {tool_body(arm, name): changed.tool for name, changed in changes.tools.items()}
     return [

@@ -187,7 +187,7 @@ def _judge_still(
 def handover_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
     """List the contacts that hand-overs allow.
 
-    The part may touch the other arm's tool, and itself as held by that arm.
+    The part may touch the other arm's tool and hand, and itself as held by that arm.
 
     Args:
         job: as done.
@@ -197,8 +197,11 @@ def handover_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
     for span in handover_spans(job, spans):
         giver, taker = span.giving.arm, span.taking.arm
         given, taken = (giver, span.giving.part), (taker, span.taking.part)
-        tools = {arm: ("", f"{arm}_tool") for arm in (giver, taker)}
-        for pair in ((given, taken), (given, tools[taker]), (taken, tools[giver])):
+        hands = job.cell.robot.hands
+        pairs = [(given, taken)]
+        for part, arm in ((given, taker), (taken, giver)):
+            pairs += [(part, ("", body)) for body in (f"{arm}_tool", *hands[arm])]
+        for pair in pairs:
             touches.append(Touch(frozenset(pair), span.start, span.end, gripped=True))
     return touches
 
