@@ -210,19 +210,19 @@ TOOL_REACH = 1e-3
 """Distance of a tool centre point from the flange that requires a shape [m]."""
 
 
+def shaped_hands(robot: Robot) -> list[str]:
+    """List the arms whose own hand has shapes."""
+    shaped = {solid.body for solid in link_solids(pin.buildModelFromXML(robot.urdf), robot)}
+    return [arm for arm, links in robot.hands.items() if not shaped.isdisjoint(links)]
+
+
 def tools_without_shape(cell: Cell) -> list[str]:
     """List the tools that reach out but have no shape, changed tools included.
 
     The shapes of an arm's hand are those of its tool.
     """
-    shaped = {
-        solid.body for solid in link_solids(pin.buildModelFromXML(cell.robot.urdf), cell.robot)
-    }
-    tools = {
-        tool_body(arm, "tool"): tool
-        for arm, tool in cell.tools.items()
-        if shaped.isdisjoint(cell.robot.hands[arm])
-    }
+    hands = shaped_hands(cell.robot)
+    tools = {tool_body(arm, "tool"): tool for arm, tool in cell.tools.items() if arm not in hands}
     for arm, changes in cell.tool_changes.items():
         tools |= {tool_body(arm, name): changed.tool for name, changed in changes.tools.items()}
     return [

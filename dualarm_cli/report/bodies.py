@@ -9,7 +9,7 @@ from typing import Any
 
 import pinocchio as pin
 
-from dualarm_cli.collision.solids import cell_solids, tools_without_shape
+from dualarm_cli.collision.solids import cell_solids, shaped_hands, tools_without_shape
 from dualarm_cli.model.job import TAKES, Job, JointTarget
 from dualarm_cli.model.lying import lying_parts
 from dualarm_cli.notes import Note, NoteTable, listed
@@ -76,10 +76,10 @@ def _links_of(model: pin.Model, joint: int) -> list[str]:
 
 def cell_notes(job: Job) -> list[Note]:
     """List notes on arms without a tool, and on a clearance of 0."""
-    notes = []
+    notes, hands = [], shaped_hands(job.cell.robot)
     for arm in job.cell.robot.arms:
         tool = job.cell.tools[arm.name]
-        bare = not tool.shapes and tool.tcp.isIdentity(1e-9)
+        bare = not tool.shapes and tool.tcp.isIdentity(1e-9) and arm.name not in hands
         if bare and any(task.allows(arm.name) and not task.tool for task in job.tasks):
             notes.append(_note("no_tool", arm=arm.name, flange=arm.flange))
     if job.cell.clearance == 0.0:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.handover.checks import _judge_still, handover_spans, handover_touches
 from dualarm_cli.model.joint_motion import JointMotion
@@ -205,6 +206,45 @@ def test_what_is_not_a_tool_must_keep_clear_of_the_part(flip, schedule):
     pairs = {stage.bodies for stage in found.clearances if stage.stage == 1 and stage.margin < 0.0}
     assert any("left bracket" in bodies for bodies in pairs)
     assert all("right_tool" not in bodies for bodies in pairs)
+
+
+def with_hands(job, beyond="left_tool0", other="right_tool0"):
+    """The job's robot with the tools' capsules as links of its URDF, each fixed to a link, and tools without shapes."""
+    shape = (
+        '<link name="{0}_palm"><collision><origin xyz="0 0 0.05"/><geometry><cylinder radius="0.03" length="0.14"/>'
+        '</geometry></collision></link><joint name="{0}_palm_joint" type="fixed"><parent link="{1}"/>'
+        '<child link="{0}_palm"/></joint>'
+    )
+    more = shape.format("left", beyond) + shape.format("right", other)
+    robot = dataclasses.replace(
+        job.cell.robot, urdf=job.cell.robot.urdf.replace("</robot>", f"{more}</robot>")
+    )
+    tools = {arm: dataclasses.replace(tool, shapes=()) for arm, tool in job.cell.tools.items()}
+    cell = dataclasses.replace(job.cell, robot=robot, tools=tools)
+    return dataclasses.replace(job, cell=cell)
+
+
+def test_the_hand_of_a_robot_is_a_tool(flip, schedule):
+    """Links beyond the flange may touch what changes hands as a tool's shapes may, and are planned so."""
+    hands = with_hands(flip)
+    assert hands.cell.robot.hands["left"][-1] == "left_palm"
+    assert failed(schedule, hands, clearance=True) == {}
+    cross = QuickTest(hands.cell, hands.carried())
+    parts = {"left": "bracket", "right": ""}
+    near = [cross.labels(pair) for pair in cross.cross(parts).pairs]
+    handed = [cross.labels(pair) for pair in cross.cross(parts, frozenset({"left"})).pairs]
+    left_out = {frozenset(pair) for pair in near} - {frozenset(pair) for pair in handed}
+    assert frozenset(("right_palm", "left bracket")) in left_out
+    assert all("palm" in name or "bracket" in name for pair in left_out for name in pair)
+
+
+def test_a_body_before_the_last_joint_is_no_tool(flip, schedule):
+    """The same body on the link before: the part of the other arm must keep clear of it, as of a forearm."""
+    elsewhere = with_hands(flip, "left_link_b", "right_link_b")
+    assert elsewhere.cell.robot.hands == flip.cell.robot.hands
+    test = QuickTest(elsewhere.cell, elsewhere.carried())
+    pairs = test.cross({"left": "bracket", "right": ""}, frozenset({"left"})).pairs
+    assert ("right_palm", "left bracket") in {test.labels(pair) for pair in pairs}
 
 
 def test_somebody_holds_the_part_while_it_changes_hands(flip, schedule):
