@@ -102,6 +102,21 @@ def test_folders_and_robot_files_are_robots_too(capsys):
     assert of_name["area"] == of_folder["area"] == of_file["area"]
 
 
+def test_a_tool_centre_point_at_the_flange_is_a_tool(capsys):
+    """A cell file that names it is taken as it is: high up, a gripper of 0.12 m would lift the wrist out of reach."""
+    head = "dualarm: cell/1\nrobot: iiwa7\n"
+    Path("flange.yaml").write_text(head + "tools: {left: {tcp: {xyz: [0, 0, 0]}}}\n")
+    Path("none.yaml").write_text(head)
+    words = ("--height", "0.7", "--step", "0.1")
+    areas = [
+        document(capsys, f"{name}.yaml", *words)["area"]["left"] for name in ("flange", "none")
+    ]
+    assert areas[0] > areas[1]
+    for name, assumed in (("flange", False), ("none", True)):
+        assert run(["robot", "reach", f"{name}.yaml", *words]) == 0
+        assert ("no cell file names the tools" in capsys.readouterr().out) is assumed
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
