@@ -263,7 +263,8 @@ class Clearing:
     def _repaired(self, plan: StagePlan, k: int, before: StageSamples | None) -> StagePlan | None:
         """Repair one stage; None if no repair makes it collision-free."""
         candidate, first = plan, self._context(plan, k, before)
-        if not all(_repairable(first, a) for a in range(len(first.cell.arms))):
+        arms = range(len(first.cell.arms))
+        if not (_ends_apart(first) and all(_repairable(first, a) for a in arms)):
             return None
         for _ in range(self.settings.repairs):
             context = first if candidate is plan else self._context(candidate, k, before)
@@ -387,6 +388,16 @@ def _repairable(context: StageContext, a: int) -> bool:
     return bool(
         (context.cell.arm_margins(a, rows.position, rows.held[:, a], ground=True) >= KEPT).all()
     )
+
+
+def _ends_apart(context: StageContext) -> bool:
+    """Return whether the arms are clear of each other where the stage begins and ends.
+
+    Repairs leave both as they are.
+    """
+    rows, samples = [0, -1], context.samples
+    margins = context.cell.cross_margins(samples.position[rows], samples.held[rows])
+    return bool((margins >= KEPT).all())
 
 
 def _lines_apart(context: StageContext) -> bool:

@@ -126,23 +126,42 @@ def step_waits(
         target: at the targets, shape (n, columns).
         end: after the retracts, shape (n, columns).
     """
-    n, holding = len(start), test.holding
-    before, after = holding.before[stage], holding.after[stage]
+    holding, waits = test.holding, np.full(len(start), np.inf)
+    # Where the arms touch after the stage, nothing else of a step counts.
+    held = np.tile(holding.after[stage], (len(end), 1))
+    clear = holding.cell.cross_margins(end, held) >= SLACK
+    rows = np.flatnonzero(clear | (stage in test.settled))
+    start, arrival, target = start[rows], arrival[rows], target[rows]
+    n, before = len(rows), holding.before[stage]
     moves = test.along(start, arrival)
-    held = np.repeat([before, holding.at_targets[stage], after], [len(moves) + n, n, n], axis=0)
-    cross = holding.cell.cross_margins(np.concatenate([moves, arrival, target, end]), held)
-    lacks = np.zeros(len(moves))
+    held = np.repeat([before, holding.at_targets[stage]], [len(moves) + n, n], axis=0)
+    cross = holding.cell.cross_margins(np.concatenate([moves, arrival, target]), held)
+    lacks = np.zeros(n)
     for a in range(len(before)):
-        margins = holding.cell.arm_margins(a, moves, np.full(len(moves), before[a]))
-        lacks = np.maximum(lacks, -margins)
+        lacks = np.maximum(lacks, _missing_alone(test, a, int(before[a]), start, arrival))
     apart = np.all((cross[: len(moves)] >= 0.0).reshape(n, SAMPLES), axis=1)
-    stops = (cross[len(moves) :] >= SLACK).reshape(3, n)
-    waits = move_waits(holding.pace, lacks.reshape(n, SAMPLES).max(axis=1), apart)
-    waits = np.maximum(waits, test.no_good_costs(stage, start, arrival))
+    stops = (cross[len(moves) :] >= SLACK).reshape(2, n)
+    costs = move_waits(holding.pace, lacks, apart)
+    costs = np.maximum(costs, test.no_good_costs(stage, start, arrival))
     must = holding.is_handover[stage] and stage not in test.settled
     turns = np.inf if must else holding.pace * PENALTY.turns
-    waits += np.where(stops[:2].all(axis=0), 0.0, turns)
-    return waits if stage in test.settled else np.where(stops[2], waits, np.inf)
+    waits[rows] = costs + np.where(stops.all(axis=0), 0.0, turns)
+    return waits
+
+
+def _missing_alone(
+    test: SequenceClearance, a: int, held: int, start: FloatArray, arrival: FloatArray
+) -> FloatArray:
+    """Compute what an arm lacks of clearance by itself on straight moves [m], shape (n,).
+
+    Steps of both arms share the moves of each: every move is tested once.
+    """
+    columns = [*test.platform_columns, *test.holding.cell.columns[a]]
+    moves = np.concatenate([start[:, columns], arrival[:, columns]], axis=1)
+    _, first, step = np.unique(moves, axis=0, return_index=True, return_inverse=True)
+    samples = test.along(start[first], arrival[first])
+    margins = test.holding.cell.arm_margins(a, samples, np.full(len(samples), held))
+    return np.asarray((-margins).reshape(len(first), SAMPLES).max(axis=1)[step])
 
 
 def move_waits(pace: float, lacks: FloatArray, apart: BoolArray) -> FloatArray:
