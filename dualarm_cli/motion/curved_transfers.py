@@ -110,9 +110,18 @@ class CurveCost:
     """Minimum time of the tool along curves; None without a speed limit."""
 
     def of(
-        self, start: FloatArray, controls: FloatArray, goal: FloatArray
+        self, start: FloatArray, controls: FloatArray, goal: FloatArray, best: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Compute the cost [s], penalty included, and the missing clearance [m] of curves, both (c,)."""
+        """Compute the cost [s], penalty included, and the missing clearance [m] of curves, both (c,).
+
+        Both are infinite for curves that cost more than the best ones whatever their clearance: it is not measured.
+
+        Args:
+            start: start of the curves [rad], shape (n,).
+            controls: control points between [rad], shape (c, k, n).
+            goal: end of the curves [rad], shape (n,).
+            best: costs of the best curves so far [s], shape (e,).
+        """
         samples = curve(start, controls, goal, CURVES.timed_samples)
         progress = np.linspace(0.0, 1.0, CURVES.timed_samples)
         time = np.maximum(estimate_line_durations(samples, progress, self.limits), self.least)
@@ -121,10 +130,23 @@ class CurveCost:
             time = np.maximum(time, self.tool(points))
         violation = np.maximum(points - self.limits.upper, 0.0)
         violation += np.maximum(self.limits.lower - points, 0.0)
-        lack = self.missing(points) + violation.sum(axis=(1, 2))
+        beyond = violation.sum(axis=(1, 2))
         # Of equally fast curves the shortest is preferred.
-        travel = np.abs(np.diff(points, axis=1)).sum(axis=(1, 2))
-        return time + self.pace * CURVES.missing_weight * lack + 1e-3 * travel, lack
+        travel = 1e-3 * np.abs(np.diff(points, axis=1)).sum(axis=(1, 2))
+        weight = self.pace * CURVES.missing_weight
+        least = time + weight * beyond + travel
+        costs, lack = np.full((2, len(controls)), np.inf)
+        order = np.argsort(least, kind="stable")
+        for first in range(0, len(order), CURVES.population):
+            rows = order[first : first + CURVES.population]
+            if len(best) >= CURVES.elite:
+                rows = rows[least[rows] <= best[CURVES.elite - 1]]
+            if not len(rows):
+                break
+            lack[rows] = self.missing(points[rows]) + beyond[rows]
+            costs[rows] = time[rows] + weight * lack[rows] + travel[rows]
+            best = np.sort(np.concatenate([best, costs[rows]]))
+        return costs, lack
 
 
 def quick_curves(
@@ -159,7 +181,7 @@ def quick_curves(
     costs: FloatArray = np.empty(0)
     lacking: FloatArray = np.empty(0)
     for _ in range(CURVES.rounds):
-        new_costs, new_lacking = cost.of(start, drawn, goal)
+        new_costs, new_lacking = cost.of(start, drawn, goal, costs)
         best, costs, lacking = (
             np.concatenate(pair)
             for pair in ((best, drawn), (costs, new_costs), (lacking, new_lacking))

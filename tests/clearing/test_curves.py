@@ -73,3 +73,20 @@ def test_under_a_cap_the_curve_is_short_for_the_tool(seed):
     times = [float(tool(curve(START, one, GOAL, 33)[None])[0]) for one in (free, capped)]
     assert times[1] < times[0]
     assert lacking(curve(START, capped, GOAL, 33)[None])[0] == 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_clearance_of_slow_curves_is_not_measured(seed, monkeypatch):
+    """The curves are those that measuring all of them gives; more than a third are never measured."""
+    measured = [0]
+
+    def counted(curves):
+        measured[0] += len(curves)
+        return lacking(curves)
+
+    cost = CurveCost(LIMITS, 0.0, counted, 33, 1.0)
+    found, of, some = quick_curves(START, GOAL, cost, seed), CurveCost.of, measured[0]
+    monkeypatch.setattr(CurveCost, "of", lambda *args: of(*args[:-1], np.empty(0)))
+    every = quick_curves(START, GOAL, cost, seed)
+    np.testing.assert_array_equal(found, every)
+    assert some < 2 / 3 * (measured[0] - some)

@@ -34,7 +34,7 @@ def test_tools_that_have_no_room_side_by_side_take_turns(tmp_path):
     (tmp_path / "cell.yaml").write_text(CELL)
     (tmp_path / "tasks.yaml").write_text(TASKS)
     job = load_job(tmp_path / "tasks.yaml")
-    schedule = plan_without_bound(job, PlanSettings(effort="quick"))
+    schedule = plan_without_bound(job, PlanSettings(effort="quick", blend="none"))
     assert verify(schedule, job).failures == ()
     places = [event.time for event in schedule.events if event.action == "place"]
     assert abs(places[1] - places[0]) > 0.3

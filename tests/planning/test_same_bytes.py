@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import shutil
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,9 @@ def same_bytes():
 
 
 @pytest.mark.parametrize("job", ["03_bottin_planar", "09_yumi", "13_hand_over"])
-def test_a_plan_is_the_same_on_every_processor(job, same_bytes):
-    """With and without AVX-512, and without FMA."""
-    tasks = ROOT / "tasks" / job / "tasks.yaml"
+def test_a_plan_is_the_same_on_every_processor(job, same_bytes, tmp_path):
+    """With and without AVX-512, and without FMA; a quarter of the circles of 09_yumi."""
+    folder = shutil.copytree(ROOT / "tasks" / job, tmp_path / job)
+    tasks = folder / "tasks.yaml"
+    tasks.write_text(tasks.read_text().replace("angle: 360 deg", "angle: 90 deg"))
     assert same_bytes.same_everywhere(tasks, ["--effort", "quick"]) == []

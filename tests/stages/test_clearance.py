@@ -7,12 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import best_of_each
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.stages.plans.clearance import LIKE, NoGood
+from dualarm_cli.stages.plans.clearance import LIKE, SAMPLES, NoGood
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.plan_clearance import PENALTY, plan_clearance, step_waits
 from dualarm_cli.stages.search.search import search_near
@@ -75,6 +76,37 @@ def test_who_touches_at_a_target_may_come_after_the_other_but_not_in_a_hand_over
     assert np.isinf(never)
     [known] = step_waits(dataclasses.replace(given, settled=settled), 0, *rows)
     assert known == turns
+
+
+def test_each_arms_move_is_tested_once_and_none_where_the_arms_touch_after_it(shelves, monkeypatch):
+    """Two moves of each arm, in all four pairs, make four moves to test; of steps that end in a touch none."""
+    problem, plans, _ = shelves
+    test, k = problem.clearance, 2
+    tested, margins = list[int](), CellClearance.arm_margins
+
+    def counted(cell, a, position, held, **others):
+        tested.append(len(position))
+        return margins(cell, a, position, held, **others)
+
+    start, end = plans[k].start, plans[k].end
+    arms = [list(columns) for columns in test.holding.cell.columns]
+    both = [column for columns in arms for column in columns]
+    starts = np.tile(start, (4, 1))
+    for row, moved in enumerate(np.ndindex(2, 2)):
+        for columns, offset in zip(arms, moved, strict=True):
+            starts[row, columns] += 0.01 * offset
+    ends = np.tile(end, (4, 1))
+    monkeypatch.setattr(CellClearance, "arm_margins", counted)
+    waits = step_waits(test, k, starts, ends, ends, ends)
+    assert tested == [2 * SAMPLES, 2 * SAMPLES]
+    single = [step_waits(test, k, s[None], *(end[None],) * 3)[0] for s in starts]
+    np.testing.assert_array_equal(waits, single)
+    tested.clear()
+    random, touching = np.random.default_rng(0), end[None].copy()
+    while test.holding.cell.cross_margins(touching, test.holding.after[k : k + 1])[0] > -0.02:
+        touching[0, both] = random.uniform(-1.5, 1.5, len(both))
+    assert np.isinf(step_waits(test, k, starts[:1], touching, touching, touching)).all()
+    assert sum(tested) == 0
 
 
 def test_no_good_costs_count_for_moves_that_are_alike_and_for_no_others(shelves):
