@@ -15,7 +15,7 @@ import pinocchio as pin
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.robot import Robot
-from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.model.shape import Shape
 from dualarm_cli.records import dataclass
 
 WORLD = 0
@@ -137,28 +137,7 @@ def shape_solid(body: str, joint: int, T_joint_holder: pin.SE3, shape: Shape) ->
         T_joint_holder: pose of the shape's holding frame in the joint's frame.
         shape: shape of the data model.
     """
-    return _solid(body, joint, T_joint_holder * shape.pose, _geometry(shape))
-
-
-def _geometry(shape: Shape) -> coal.CollisionGeometry:
-    if shape.kind == "box":
-        return coal.Box(*shape.size)
-    if shape.kind == "sphere":
-        return coal.Sphere(shape.size[0])
-    if shape.kind == "cylinder":
-        return coal.Cylinder(*shape.size)
-    if shape.kind == "capsule":
-        return coal.Capsule(*shape.size)
-    if shape.hull is not None:
-        return _convex(shape.hull)
-    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-
-
-def _convex(hull: Hull) -> coal.Convex:
-    corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    corners.extend(list(hull.corners))
-    triangles.extend([coal.Triangle(*corner) for corner in hull.triangles.tolist()])
-    return coal.Convex(corners, triangles)
+    return _solid(body, joint, T_joint_holder * shape.pose, shape.geometry)
 
 
 def _solid(body: str, joint: int, pose: pin.SE3, geometry: coal.CollisionGeometry) -> Solid:

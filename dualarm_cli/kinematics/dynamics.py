@@ -43,7 +43,7 @@ class Dynamics:
     """Rigid-body dynamics; configurations are in the order of the robot's joints."""
 
     def __init__(self, cell: Cell) -> None:
-        """Build the model, with a tool's mass at its tool centre point.
+        """Build the model, with the fixed tools.
 
         Args:
             cell: robot, base and tools.
@@ -53,13 +53,11 @@ class Dynamics:
         model, self._back = self._coordinates.model, self._coordinates.back
         model.gravity.linear = product(cell.base.rotation.T, model.gravity.linear)
         for arm in robot.arms:
-            tool = cell.tools[arm.name]
             flange = model.frames[model.getFrameId(arm.flange)]
-            if tool.mass > 0.0:
-                inertia = pin.Inertia(tool.mass, np.zeros(3), np.zeros((3, 3)))
-                model.appendBodyToJoint(flange.parentJoint, inertia, flange.placement * tool.tcp)
+            inertia = cell.tools[arm.name].inertia
+            model.appendBodyToJoint(flange.parentJoint, inertia, flange.placement)
         self._model, self._data = model, model.createData()
-        self.limit: FloatArray = np.array(model.upperEffortLimit)[self._back]
+        self.limit: FloatArray = robot.torques.effort
         """Largest joint torques [N m], shape (n,), 0 if the URDF has none."""
         masses = np.array([model.inertias[k].mass for k in range(1, model.njoints)])
         self._unknown = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field, replace
+from typing import Literal
 
 import pinocchio as pin
 
@@ -13,6 +14,9 @@ from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.records import dataclass
 
+TorqueRule = Literal["limited", "checked", "ignored"]
+"""Rule for joint torques: a limit, measured and reported, or not computed."""
+
 
 @dataclass(frozen=True)
 class Tool:
@@ -20,8 +24,8 @@ class Tool:
 
     tcp: pin.SE3
     """Tool centre point in the flange frame."""
-    mass: float = 0.0
-    """Mass [kg]."""
+    inertia: pin.Inertia = field(default_factory=pin.Inertia.Zero)
+    """Mass, centre of mass and rotational inertia in the flange frame [kg, m, kg m²]."""
     shapes: tuple[Shape, ...] = ()
     """Solids in the flange frame."""
 
@@ -116,6 +120,10 @@ class Cell:
     """Tool changes by arm; arms that change no tools are missing."""
     conveyors: Mapping[str, Conveyor] = field(default_factory=dict)
     """Conveyors by name."""
+    part_inertias: Mapping[str, pin.Inertia] = field(default_factory=dict)
+    """Mass, centre and rotational inertia of each kind of part, in the frame of its tool."""
+    torque: TorqueRule = "limited"
+    """Rule for joint torques."""
 
     def tool_names(self, arm: str) -> tuple[str, ...]:
         """List the names of the tools that an arm may have on.
@@ -157,6 +165,13 @@ class Cell:
         part = self.parts[held.part] if held.part else ()
         return of_tool, tuple(replace(shape, pose=T_own_tool * shape.pose) for shape in part)
 
+    def load_inertia(self, arm: str, load: Held) -> pin.Inertia:
+        """Return the inertia of a held part, or of a held tool without one, in the flange frame."""
+        if not load.part:
+            return self.tool_changes[arm].tools[load.tool].tool.inertia
+        tcp = self.tools[arm].tcp * self.T_own_tool(arm, load.tool)
+        return tcp.act(self.part_inertias.get(load.part, pin.Inertia.Zero()))
+
     def with_taken_part(self, part: str, task: str, grip: pin.SE3) -> Cell:
         """Add a part, as held by the taking tool of a hand-over.
 
@@ -168,6 +183,7 @@ class Cell:
             grip: the taking tool's centre point in the giving tool's.
         """
         name, back = taken_part(part, task), grip.inverse()
+        weight = self.part_inertias.get(part, pin.Inertia.Zero())
         shapes = tuple(replace(shape, pose=back * shape.pose) for shape in self.parts[part])
         clearances = [pair for pair in self.clearances if part in pair[:2]]
         contacts = [pair for pair in self.allowed_contacts if part in pair]
@@ -186,4 +202,5 @@ class Cell:
                 *((in_taker(a), in_taker(b)) for a, b in contacts),
             ),
             parts={**self.parts, name: shapes},
+            part_inertias={**self.part_inertias, name: back.act(weight)},
         )

@@ -113,6 +113,40 @@ class JointLimits:
 
 
 @dataclass(frozen=True)
+class JointTorques:
+    """Torque limits of each joint, and torques that its links do not explain.
+
+    Of prismatic joints forces in N in place of torques in N m, and masses in kg in place of inertias in kg m².
+    """
+
+    effort: FloatArray
+    """Largest torques [N m], 0 where unknown, shape (n,)."""
+    rated: FloatArray
+    """Largest effective (RMS) torques over a cycle [N m], infinite where unknown, shape (n,)."""
+    coulomb: FloatArray
+    """Coulomb friction [N m], shape (n,)."""
+    viscous: FloatArray
+    """Viscous friction [N m s/rad], shape (n,)."""
+    rotor: FloatArray
+    """Inertia of the rotor at the joint [kg m²], shape (n,)."""
+    spring: FloatArray
+    """Torque of springs and counterweights at position 0 [N m], shape (n,)."""
+    stiffness: FloatArray
+    """Change of that torque by position [N m/rad], shape (n,)."""
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("effort", "rated", "coulomb", "viscous", "rotor", "spring", "stiffness"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def of_effort(cls, effort: FloatArray) -> JointTorques:
+        """Build the torques of joints of which only the effort [N m] is known, shape (n,)."""
+        zero = np.zeros(len(effort))
+        return cls(effort, np.full(len(effort), np.inf), zero, zero, zero, zero, zero)
+
+
+@dataclass(frozen=True)
 class Arm:
     """Serial arm with the flange that carries its tool."""
 
@@ -150,6 +184,8 @@ class Robot:
     """Collision meshes by link, in the links' frames; the URDF text has none."""
     visuals: tuple[VisualMesh, ...] = field(default=(), compare=False)
     """Meshes that show the links, if the file has any."""
+    stated_torques: JointTorques | None = None
+    """Torques that the robot file states; None for the efforts of the URDF alone."""
 
     def __post_init__(self) -> None:
         """Add a missing home posture and freeze all.
@@ -197,6 +233,21 @@ class Robot:
                 links += below.get(link, ())
             hands[arm.name] = tuple(links)
         return hands
+
+    @cached_property
+    def torques(self) -> JointTorques:
+        """Torque limits of the joints and torques besides those of the links."""
+        if self.stated_torques is not None:
+            return self.stated_torques
+        limits = {
+            joint.get("name", ""): joint.find("limit")
+            for joint in ElementTree.fromstring(self.urdf).iter("joint")
+        }
+        efforts = [
+            0.0 if (limit := limits.get(name)) is None else float(limit.get("effort", "0"))
+            for name in self.joints
+        ]
+        return JointTorques.of_effort(np.array(efforts))
 
     @property
     def without_closed_form(self) -> tuple[str, ...]:

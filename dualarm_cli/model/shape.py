@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
+import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
@@ -51,6 +53,46 @@ class Shape:
         """
         if (self.kind == "mesh") != (self.hull is not None):
             raise ValueError("a mesh has a hull, and no other shape has one")
+
+    @property
+    def geometry(self) -> coal.CollisionGeometry:
+        """Solid for coal, in its own frame."""
+        if self.kind == "box":
+            return coal.Box(*self.size)
+        if self.kind == "sphere":
+            return coal.Sphere(self.size[0])
+        if self.kind == "cylinder":
+            return coal.Cylinder(*self.size)
+        if self.kind == "capsule":
+            return coal.Capsule(*self.size)
+        if self.hull is not None:
+            return _convex(self.hull)
+        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+
+
+def _convex(hull: Hull) -> coal.Convex:
+    corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    corners.extend(list(hull.corners))
+    triangles.extend([coal.Triangle(*corner) for corner in hull.triangles.tolist()])
+    return coal.Convex(corners, triangles)
+
+
+def uniform_inertia(shapes: Iterable[Shape]) -> pin.Inertia:
+    """Compute the inertia of solids with a density of 1 kg/m³, in their frame [kg, m, kg m²].
+
+    Where two solids overlap, both count.
+
+    Args:
+        shapes: of bounded volume.
+    """
+    total = pin.Inertia.Zero()
+    for shape in shapes:
+        solid = shape.geometry
+        moments = solid.computeMomentofInertiaRelatedToCOM()
+        total = total + shape.pose.act(
+            pin.Inertia(solid.computeVolume(), np.asarray(solid.computeCOM()).ravel(), moments)
+        )
+    return total
 
 
 @dataclass(frozen=True)

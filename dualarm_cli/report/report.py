@@ -110,6 +110,9 @@ def _assumptions(members: Mapping[str, Any]) -> list[str]:
         ("no shape of {of:# part|# parts}", members["bodies"]["without_part"]),
     )
     texts = [filled(text, {"of": of}) for text, of in counts if of]
+    checks = (members["verification"] or {"checks": []})["checks"]
+    if any((check["name"], check["verdict"]) == ("torque", "not checked") for check in checks):
+        texts.append("torques (unchecked)")
     noted = [n for n in members["notes"] if isinstance(n, Note) and (n.topic, n.key) in ASSUMED]
     return texts + [filled(ASSUMED[note.topic, note.key], note.data) for note in noted]
 

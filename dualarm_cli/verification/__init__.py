@@ -57,6 +57,7 @@ from dualarm_cli.verification.tool_checks import (
     check_tool_speed,
 )
 from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.torque_checks import check_torques
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -165,13 +166,13 @@ def _checks(evidence: Evidence, stops: Schedule) -> list[Check]:
     return [
         *check_agreement(trajectory, sliding),
         *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints), sliding),
+        *check_torques(schedule, done),
         check_rest(trajectory, sliding),
         check_arms(schedule),
         *check_events(stops, model),
         *check_lines(known_arms_only, done, model),
         *_kind_checks("lines", evidence),
         *_kind_checks("work", evidence),
-        *_kind_checks("joints", evidence),
         check_platform_still(schedule, spans),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_stages(schedule, job),

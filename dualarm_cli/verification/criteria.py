@@ -55,6 +55,15 @@ CRITERIA: Mapping[str, Mapping[str, Criterion]] = {
         "velocity": Criterion(SHARE, "Largest velocity of a joint.", NO_LIMIT),
         "acceleration": Criterion(SHARE, "Largest acceleration of a joint.", NO_LIMIT),
         "jerk": Criterion(SHARE, "Largest jerk of a joint.", NO_LIMIT),
+        "torque": Criterion(
+            SHARE,
+            "Largest torque of a joint, with tools and carried parts.",
+            "masses or efforts are unknown",
+        ),
+        "rated_torque": Criterion(
+            SHARE,
+            "Largest effective (RMS) torque of a joint; listed for joints with a rated effort.",
+        ),
         "rest": Criterion("rad/s, rad/s²", "Velocity or acceleration at start and end."),
         "platform_still": Criterion(
             "rad, rad/s", "Motion of the platform in lines and dwells.", "the robot has no platform"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
-from dualarm_cli.collision.solids import Solid
 from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.verification.line_spans import LineSpan
@@ -13,8 +13,28 @@ Span = tuple[float, float]
 """Start and end of a span [s]."""
 
 
+class Carried(Protocol):
+    """Part or changed tool that an arm may carry."""
+
+    @property
+    def carrier(self) -> str:
+        """Arm."""
+
+    @property
+    def body(self) -> str:
+        """Name of the part."""
+
+    @property
+    def tool(self) -> str:
+        """Changed tool that it is, or that grips it; empty for none."""
+
+    @property
+    def bolted(self) -> bool:
+        """Whether it is a changed tool."""
+
+
 def carrying_spans(
-    schedule: Schedule, job: Job, solid: Solid, task: str | None = None
+    schedule: Schedule, job: Job, solid: Carried, task: str | None = None
 ) -> list[Span]:
     """List the spans in which an arm carries a part or a tool [s].
 
@@ -51,7 +71,7 @@ def carrying_spans(
     return spans
 
 
-def tasks_moving(solid: Solid, job: Job) -> set[str]:
+def tasks_moving(solid: Carried, job: Job) -> set[str]:
     """List the tasks that move a part or change a tool."""
     return {
         task.id
@@ -61,7 +81,7 @@ def tasks_moving(solid: Solid, job: Job) -> set[str]:
     }
 
 
-def spans_on_lines(job: Job, solid: Solid, spans: Sequence[LineSpan]) -> list[Span]:
+def spans_on_lines(job: Job, solid: Carried, spans: Sequence[LineSpan]) -> list[Span]:
     """List the spans in which a part's carrier follows lines or dwells [s].
 
     The spans are sorted and disjoint.

@@ -13,10 +13,10 @@ from dualarm_cli.verification.criteria import Criterion
 from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.tool_model import ToolModel
 
-Subject = Literal["lines", "work", "joints", "order", "parts"]
+Subject = Literal["lines", "work", "order", "parts"]
 """Subject of a check, in the order of the list of checks.
 
-Tools at targets and on lines, tools at work between them, joints, assignment and order of tasks, places of parts.
+Tools at targets and on lines, tools at work between them, assignment and order of tasks, places of parts.
 """
 
 

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.errors import InputError
 from dualarm_cli.files.cells.cells import load_cell
 
 Change = Callable[..., None]
@@ -31,7 +33,7 @@ def test_a_cell_file_becomes_a_cell(project: Path) -> None:
     """Tools, frames and obstacles of the tiny cell, by hand."""
     cell = load_cell("cell.yaml").cell
     assert cell.tools["left"].tcp.translation.tolist() == [0, 0, 0.12]
-    assert cell.tools["left"].mass == 0.8
+    assert cell.tools["left"].inertia.mass == 0.8
     assert cell.tools["right"].tcp == pin.SE3.Identity()
     assert cell.clearance == 0.01
     # The bin is turned by 90 deg about z, so 0.1 along its x is 0.1 along the world's y.
@@ -185,3 +187,75 @@ def test_a_tool_needs_its_arm(project: Path, change: Change, messages: Messages)
     assert messages(lambda: load_cell("cell.yaml")) == [
         "cell.yaml:4:3: E300 Single has no right arm; it has left"
     ]
+
+
+@pytest.fixture
+def weighed(project: Path, change: Change) -> Callable[[str, str], pin.Inertia]:
+    """The inertia of a part with given solids and keys, in the frame of its tool."""
+
+    def read(shapes: str, keys: str) -> pin.Inertia:
+        text = (project / "cell.yaml").read_text()
+        (project / "weighed.yaml").write_text(
+            text + f"parts: {{weighed: {{shapes: [{shapes}], {keys}}}}}\n"
+        )
+        return load_cell("weighed.yaml").cell.part_inertias["weighed"]
+
+    return read
+
+
+def test_the_weight_of_a_part_follows_from_its_solids(
+    weighed: Callable[[str, str], pin.Inertia],
+) -> None:
+    """A bar of two cubes by hand: 2.7 g/cm³ times volume, their common centre, Steiner's theorem."""
+    cubes = "{box: [0.1, 0.1, 0.1], xyz: [0, 0, 0.05]}, {box: [0.1, 0.1, 0.1], xyz: [0, 0, 0.15]}"
+    inertia = weighed(cubes, "density: 2.7 g/cm^3")
+    assert inertia.mass == pytest.approx(5.4, rel=1e-12)
+    assert inertia.lever == pytest.approx([0.0, 0.0, 0.1], abs=1e-15)
+    along, across = 2 * 2.7 * 0.01 / 6, 5.4 * (0.01 + 0.04) / 12
+    assert inertia.inertia == pytest.approx(np.diag([across, across, along]), abs=1e-12)
+    # The same mass, stated, has the same moments.
+    assert weighed(cubes, "mass: 5.4 kg").inertia == pytest.approx(inertia.inertia, rel=1e-9)
+
+
+def test_stated_centres_and_moments_have_priority(
+    weighed: Callable[[str, str], pin.Inertia],
+) -> None:
+    """Of a ball of 2 kg: its own moments 2/5 m r² about a stated centre, or the stated ones."""
+    ball = "{sphere: 50 mm}"
+    inertia = weighed(ball, "mass: 2 kg, center_of_mass: [0, 10 mm, 0]")
+    assert inertia.lever.tolist() == [0.0, 0.01, 0.0]
+    assert inertia.inertia == pytest.approx(0.4 * 2.0 * 0.05**2 * np.eye(3), rel=1e-12)
+    stated = weighed(ball, "mass: 2 kg, inertia: [0.1, 0.2, 0.25, 0.01, 0.02, 0.03]")
+    expected = [[0.1, 0.01, 0.02], [0.01, 0.2, 0.03], [0.02, 0.03, 0.25]]
+    assert stated.inertia == pytest.approx(np.array(expected), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("mass: 1 kg, density: 7", "the mass follows from the density; keep one of the two"),
+        ("density: 0", "density must be positive"),
+        ("center_of_mass: [0, 0, 0]", "it needs a mass"),
+        ("inertia: [1, 1, 1]", "it needs a mass"),
+        ("mass: 1 kg, inertia: [1, 1, 1, 1]", "takes 3 or 6 numbers, not 4"),
+        ("mass: 1 kg, inertia: [1, 1, 3]", "no body has these moments"),
+        ("mass: 1 kg, inertia: [1, 1, 1, 2, 0, 0]", "no body has these moments"),
+        ("mass: -1 kg", "mass must be at least 0"),
+    ],
+)
+def test_weights_that_no_body_has_are_refused(
+    weighed: Callable[[str, str], pin.Inertia], keys: str, message: str
+) -> None:
+    """Each at its place, with what is wrong."""
+    with pytest.raises(InputError, match=re.escape(message)):
+        weighed("{sphere: 50 mm}", keys)
+
+
+def test_a_tool_without_solids_weighs_at_its_centre_point(project: Path, change: Change) -> None:
+    """As the tiny cell's left tool does; a density has no volume to act on."""
+    inertia = load_cell("cell.yaml").cell.tools["left"].inertia
+    assert inertia.lever.tolist() == [0, 0, 0.12]
+    assert not inertia.inertia.any()
+    change("cell.yaml", "mass: 800 g", "density: 1000")
+    with pytest.raises(InputError, match="a density needs shapes that have a volume"):
+        load_cell("cell.yaml")

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.errors import InputError
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.files.source.bundled import bundled_robots, robots_folder
 
@@ -320,7 +321,7 @@ def test_each_mistake_is_reported_at_its_place(
         assert found == [
             "robot.yaml:1:1: E202 'name' is missing",
             "robot.yaml:2:1: E201 unknown key 'nmae', did you mean 'name'? "
-            "Allowed: dualarm, name, urdf, dh, platform, arms, limits, frozen, postures, allowed_contacts, assumed_contacts",
+            "Allowed: dualarm, name, urdf, dh, platform, arms, limits, torques, frozen, postures, allowed_contacts, assumed_contacts",
         ]
         return
     assert found == [f"robot.yaml:{expected}"]
@@ -350,3 +351,34 @@ def test_an_unknown_bundled_robot_gets_the_names_there_are(
         "alfa: E500 no bundled robot 'alfa', did you mean 'alpha'? Bundled: alpha, beta; "
         "the path of a robot file ends with .yaml"
     ]
+
+
+def test_torques_are_those_of_the_urdf_and_of_the_robot_file(project: Path, change: Change) -> None:
+    """The file's effort instead of the URDF's, derated; `default` for joints without a section of their own."""
+    urdf = project / "tiny.urdf"
+    urdf.write_text(urdf.read_text().replace('effort="1"', 'effort="40"'))
+    assert load_robot(Path("robot.yaml")).robot.torques.effort.tolist() == [40.0] * 5
+    change(
+        "robot.yaml",
+        "postures:",
+        "torques:\n"
+        "  default: {derating: 50 %, viscous_friction: 0.5}\n"
+        "  l1: {effort: 0.1 kNm, rated_effort: 30 Nm, coulomb_friction: 2, rotor_inertia: 0.3, spring: -4 Nm,"
+        " spring_stiffness: 6}\n"
+        "postures:",
+    )
+    torques = load_robot(Path("robot.yaml")).robot.torques
+    assert torques.effort.tolist() == [20.0, 100.0, 20.0, 20.0, 20.0]
+    assert torques.rated.tolist() == [math.inf, 30.0, math.inf, math.inf, math.inf]
+    assert torques.coulomb.tolist() == [0.0, 2.0, 0.0, 0.0, 0.0]
+    assert torques.viscous.tolist() == [0.5, 0.0, 0.5, 0.5, 0.5]
+    assert torques.rotor.tolist() == [0.0, 0.3, 0.0, 0.0, 0.0]
+    assert torques.spring.tolist() == [0.0, -4.0, 0.0, 0.0, 0.0]
+    assert torques.stiffness.tolist() == [0.0, 6.0, 0.0, 0.0, 0.0]
+
+
+def test_torques_of_unknown_joints_are_refused(project: Path, change: Change) -> None:
+    """With the joint that is meant."""
+    change("robot.yaml", "postures:", "torques: {l3: {effort: 4}}\npostures:")
+    with pytest.raises(InputError, match="'l3' is no joint of platform or arms"):
+        load_robot(Path("robot.yaml"))

@@ -14,15 +14,15 @@ def test_mass_matrix_and_rest_are_newton_eulers_torques() -> None:
     """M a + h = rnea(q, v, a) at random states, with a tool's mass and a base that is tilted."""
     robot = load_robot("openarm").robot
     base = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.1, 0.2, 0.3]))
-    tool = Tool(pin.SE3(np.eye(3), np.array([0.01, 0.0, 0.1])), mass=0.8)
+    weight = pin.Inertia(0.8, np.array([0.01, 0.0, 0.1]), 0.01 * np.eye(3))
+    tool = Tool(pin.SE3.Identity(), weight)
     dynamics = Dynamics(Cell(robot, base, {arm.name: tool for arm in robot.arms}))
     model = pin.buildModelFromXML(robot.urdf)
     # Gravity as the tilted base sees it.
     model.gravity.linear = base.rotation.T @ np.array([0.0, 0.0, -9.81])
     for arm in robot.arms:
         frame = model.frames[model.getFrameId(arm.flange)]
-        inertia = pin.Inertia(0.8, np.zeros(3), np.zeros((3, 3)))
-        model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement * tool.tcp)
+        model.appendBodyToJoint(frame.parentJoint, weight, frame.placement)
     data = model.createData()
     order = [robot.joints.index(joint) for joint in list(model.names)[1:]]
     random = np.random.default_rng(0)

@@ -290,7 +290,7 @@ def test_torque_limits_are_kept_or_refused(tmp_path: Path) -> None:
         job = load_job(tmp_path / "tasks.yaml")
         if holds:
             schedule = planned(job)
-            [check] = [c for c in verify(schedule, job).checks if c.name == "path_torque"]
+            [check] = [c for c in verify(schedule, job).checks if c.name == "torque"]
             assert check.verdict == "passed"
             assert check.measured is not None and 0.05 < check.measured <= 1.001
         else:

@@ -46,7 +46,7 @@ def test_a_schedule_without_fault_passes_every_check(clean):
         "lower_bound",
         *open_orders,
         *NAMES,
-        "path_torque",
+        "torque",
     }
     assert len(verdicts) == len(verification.checks)
     assert all(check.detail for check in verification.checks)
@@ -77,7 +77,7 @@ def test_without_a_job_ten_checks_are_not_made_and_say_why(clean):
         *NAMES,
     )
     assert {reasons[name] for name in tasks} == {"no task file was given (--tasks)"}
-    assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound", "path_torque"}
+    assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound", "torque"}
 
 
 def test_the_same_checks_in_the_same_order_with_and_without_a_job(clean):

@@ -19,6 +19,8 @@ from dualarm_cli.files.cells.schema_cell import (
     PairMemberSection,
     PairSection,
     ShapeSection,
+    ToolSection,
+    WeighedSection,
 )
 from dualarm_cli.files.robots.meshes import read_hull
 from dualarm_cli.files.robots.notes import robot_note
@@ -31,10 +33,11 @@ from dualarm_cli.files.source.fields import Pose, to_se3
 from dualarm_cli.files.source.projects import Project, display_name, noted
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell, Obstacle, Tool
 from dualarm_cli.model.robot import Robot
-from dualarm_cli.model.shape import Shape
+from dualarm_cli.model.shape import Shape, uniform_inertia
 from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 
@@ -171,7 +174,7 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
     frames = world_frames(document, dict(model.frames), findings)
     obstacles = reader.obstacles(model, frames)
     tools = reader.tools(model, robot)
-    parts = reader.parts(model)
+    parts, part_inertias = reader.parts(model)
     added = [kind.read(reader, model, tools, frames) for kind in kinds]
     if robot is None:
         findings.fail()
@@ -196,6 +199,8 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
         tuple((*pair, s.clearance) for pair, s in zip(special, model.clearances, strict=True)),
         contacts,
         parts,
+        part_inertias=part_inertias,
+        torque=model.torque,
         **{name: value for addition in added for name, value in addition.fields.items()},
     )
     return cell, tuple(reader.notes)
@@ -276,19 +281,49 @@ class CellReader:
             if robot is not None and side not in arms:
                 message = f"{robot.name} has no {side} arm; it has {', '.join(arms)}"
                 self.findings.add(self.document, ("tools", side), message, key=True)
-            loc: Loc = ("tools", side, "shapes")
-            shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
-            tools[side] = Tool(to_se3(section.tcp), section.mass, tuple(s for s in shapes if s))
+            tools[side] = self.tool(section, ("tools", side))
         return {arm: tools.get(arm, Tool(pin.SE3.Identity())) for arm in arms}
 
-    def parts(self, model: CellFile) -> dict[str, tuple[Shape, ...]]:
-        """Read the solids of each kind of part."""
-        parts = {}
-        for name, section in model.parts.items():
-            loc: Loc = ("parts", name, "shapes")
-            shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
-            parts[name] = tuple(s for s in shapes if s)
-        return parts
+    def tool(self, section: ToolSection, loc: Loc) -> Tool:
+        """Read a tool: its centre point, weight and solids."""
+        tcp, shapes = to_se3(section.tcp), self._shapes(section.shapes, loc)
+        return Tool(tcp, self._inertia(section, shapes, tcp.translation, loc), shapes)
+
+    def parts(self, model: CellFile) -> tuple[dict[str, tuple[Shape, ...]], dict[str, pin.Inertia]]:
+        """Read the solids and the inertia of each kind of part."""
+        shapes = {
+            name: self._shapes(part.shapes, ("parts", name)) for name, part in model.parts.items()
+        }
+        inertias = {
+            name: self._inertia(part, shapes[name], np.zeros(3), ("parts", name))
+            for name, part in model.parts.items()
+        }
+        return shapes, inertias
+
+    def _shapes(self, sections: Sequence[ShapeSection], loc: Loc) -> tuple[Shape, ...]:
+        shapes = [self.shape(s, (*loc, "shapes", k), {}) for k, s in enumerate(sections)]
+        return tuple(shape for shape in shapes if shape is not None)
+
+    def _inertia(
+        self, section: WeighedSection, shapes: Sequence[Shape], point: FloatArray, loc: Loc
+    ) -> pin.Inertia:
+        """Read the inertia of a tool or a part; without solids its mass is at a point (3,) [m]."""
+        solid = uniform_inertia(shapes)
+        if section.density is not None and solid.mass <= 0.0:
+            message = "a density needs shapes that have a volume; give a mass, or shapes"
+            self.findings.add(self.document, (*loc, "density"), message)
+        mass = section.mass or (section.density or 0.0) * solid.mass
+        if mass <= 0.0:
+            return pin.Inertia.Zero()
+        center, moments = point, np.zeros((3, 3))
+        if solid.mass > 0.0:
+            center, moments = solid.lever, solid.inertia * (mass / solid.mass)
+        if section.center_of_mass is not None:
+            center = np.array(section.center_of_mass)
+        if section.inertia is not None:
+            xx, yy, zz, xy, xz, yz = [*section.inertia, 0.0, 0.0, 0.0][:6]
+            moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return pin.Inertia(mass, center, moments)
 
     def bodies(self, robot: Robot, model: CellFile, added: Sequence[tuple[Loc, str]]) -> list[str]:
         """List the names of all bodies, with `added` ones; note duplicates."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import core_schema
 
 from dualarm_cli.files.source.fields import (
     BodyPair,
     Clearance,
+    Density,
     FramedPose,
     Mass,
     Name,
@@ -19,9 +21,11 @@ from dualarm_cli.files.source.fields import (
     Size,
     ToolPose,
     ToolSpeed,
+    ToolVector3,
     refuse,
 )
 from dualarm_cli.files.source.short_forms import ByName, ShortForm
+from dualarm_cli.model.cell import TorqueRule
 
 SHAPE_KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
 """Kinds of solids in a file."""
@@ -109,7 +113,55 @@ class ObstacleSection(ShapeSection):
     """A fixed solid of the cell."""
 
 
-class PartSection(Section):
+Moments = Annotated[list[float], Field(min_length=3, max_length=6)]
+
+
+class WeighedSection(Section):
+    """A body with a mass, of which all else may follow from its solids."""
+
+    mass: Mass | None = Field(default=None, description="Mass [kg]; default: none.")
+    density: Density | None = Field(
+        default=None, description="Density of its solids [kg/m³], in place of a mass."
+    )
+    center_of_mass: ToolVector3 | None = Field(
+        default=None,
+        description="Centre of mass in the frame of its solids [m]; default: that of its solids, or the tool centre "
+        "point without any.",
+    )
+    inertia: Moments | None = Field(
+        default=None,
+        description="Moments of inertia about the centre of mass [kg m²]: [ixx, iyy, izz], or these with ixy, ixz "
+        "and iyz; default: those of its solids.",
+    )
+
+    @model_validator(mode="after")
+    def _weight(self) -> WeighedSection:
+        if self.mass is not None and self.density is not None:
+            raise refuse("the mass follows from the density; keep one of the two", "density")
+        for key in ("center_of_mass", "inertia"):
+            if getattr(self, key) is not None and not self.mass:
+                raise refuse("it needs a mass; give the mass, too", key)
+        if self.inertia is not None:
+            _check_moments(self.inertia)
+        return self
+
+
+def _check_moments(moments: list[float]) -> None:
+    """Refuse moments of inertia that no body has."""
+    if len(moments) not in (3, 6):
+        raise refuse(f"takes 3 or 6 numbers, not {len(moments)}", "inertia")
+    xx, yy, zz, xy, xz, yz = [*moments, 0.0, 0.0, 0.0][:6]
+    principal = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    slack = 1e-9 * float(np.abs(principal).max())
+    if principal[0] < -slack or principal[0] + principal[1] < principal[2] - slack:
+        raise refuse(
+            "no body has these moments: of the principal ones none is negative, and none exceeds the sum of the "
+            "other two",
+            "inertia",
+        )
+
+
+class PartSection(WeighedSection):
     """A kind of part that a tool carries."""
 
     shapes: Annotated[list[ToolShapeSection], Field(min_length=1)] = Field(
@@ -126,13 +178,12 @@ class ClearanceSection(Section):
     clearance: Clearance = Field(description="Required distance between them [m].")
 
 
-class ToolSection(Section):
+class ToolSection(WeighedSection):
     """Tool on the flange of an arm."""
 
     tcp: ToolPose = Field(
         default=ToolPose.model_construct(), description="Tool centre point in the flange frame."
     )
-    mass: Mass = Field(default=0.0, description="Mass [kg].")
     shapes: list[ToolShapeSection] = Field(
         default_factory=list, description="Solids in the flange frame."
     )
@@ -231,4 +282,9 @@ class CellFile(Section):
     )
     limits: LimitsSection = Field(
         default=LimitsSection.model_construct(), description="Limits for the whole cell."
+    )
+    torque: TorqueRule = Field(
+        default="limited",
+        description="Joint torques, where the robot's masses and efforts are known: limited (beyond its effort a joint "
+        "fails the plan), checked (measured and reported), or ignored.",
     )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -15,7 +16,13 @@ import pinocchio as pin
 
 from dualarm_cli.errors import did_you_mean
 from dualarm_cli.files.robots.notes import robot_note
-from dualarm_cli.files.robots.schema_robot import JERK_RULE, ArmSection, LimitSection, RobotFile
+from dualarm_cli.files.robots.schema_robot import (
+    JERK_RULE,
+    ArmSection,
+    LimitSection,
+    RobotFile,
+    TorqueSection,
+)
 from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.diagnostics import Findings
@@ -25,7 +32,7 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.joint_axes import joint_axes, measured_kind
 from dualarm_cli.model.place import Place
-from dualarm_cli.model.robot import Arm, JointLimits, rate_source
+from dualarm_cli.model.robot import Arm, JointLimits, JointTorques, rate_source
 from dualarm_cli.notes import Note
 
 POSITION_SLACK = 1e-9
@@ -307,6 +314,44 @@ def joint_limits(
     )
     whose = ["all joints"] if len(ruled) == len(joints) else ruled
     return limits, [robot_note("jerk_rule", joints=whose, rule=JERK_RULE)] if ruled else []
+
+
+def joint_torques(
+    document: Document,
+    model: RobotFile,
+    joints: Sequence[UrdfJoint],
+    findings: Findings,
+) -> JointTorques | None:
+    """Read the torques of all moving joints; None where the robot file states none.
+
+    Args:
+        document: the robot file.
+        model: its content.
+        joints: the moving joints.
+        findings: where errors are noted.
+    """
+    names = [joint.name for joint in joints]
+    for name in model.torques:
+        if name not in (*names, DEFAULT):
+            message = f"{quote(name)} is no joint of platform or arms{did_you_mean(name, names)}"
+            findings.add(document, ("torques", name), message, key=True)
+    if not model.torques:
+        return None
+    usual = model.torques.get(DEFAULT, TorqueSection())
+    sections = [model.torques.get(name, usual) for name in names]
+    efforts = [
+        joint.effort if section.effort is None else section.effort
+        for joint, section in zip(joints, sections, strict=True)
+    ]
+    return JointTorques(
+        np.array([s.derating for s in sections]) * efforts,
+        np.array([math.inf if s.rated_effort is None else s.rated_effort for s in sections]),
+        np.array([s.coulomb_friction for s in sections]),
+        np.array([s.viscous_friction for s in sections]),
+        np.array([s.rotor_inertia for s in sections]),
+        np.array([s.spring for s in sections]),
+        np.array([s.spring_stiffness for s in sections]),
+    )
 
 
 def _rate(

@@ -12,7 +12,8 @@ from dualarm_cli.files.robots.urdf import read_urdf
 from dualarm_cli.files.robots.urdf_writer import PairMember, write_pair
 from dualarm_cli.files.source.text_source import TextSource
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.robot import Arm, JointLimits, Robot
+from dualarm_cli.model.robot import Arm, JointLimits, JointTorques, Robot
+from dualarm_cli.records import field_values
 
 _TAKEN = ("world", "world_to_left", "world_to_right", "left_tool", "right_tool")
 """Names of links, joints and bodies that every pair has."""
@@ -83,7 +84,8 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
         for mesh in robot.visuals
     )
     limits = _joined_limits(robots, joints)
-    return Robot(title, write_pair(members), (), arms, limits, postures, contacts, meshes, visuals)
+    text, torques = write_pair(members), _joined_torques(left.torques, right.torques)
+    return Robot(title, text, (), arms, limits, postures, contacts, meshes, visuals, torques)
 
 
 def _unique(
@@ -130,3 +132,8 @@ def _joined_limits(
         np.concatenate([p.jerk for p in parts]),
         tuple(source for p in parts for source in p.source),
     )
+
+
+def _joined_torques(left: JointTorques, right: JointTorques) -> JointTorques:
+    pairs = ((getattr(left, name), getattr(right, name)) for name in field_values(left))
+    return JointTorques(*(np.concatenate(pair) for pair in pairs))

@@ -24,6 +24,7 @@ from dualarm_cli.files.robots.robot_joints import (
     check_names,
     file_arms,
     joint_limits,
+    joint_torques,
     model_arms,
     posture_positions,
     with_margins,
@@ -163,6 +164,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[Note, ...]]:
     check_chains(document, model, urdf, joints, findings)
     joints = with_margins(document, model, joints, findings)
     found_limits = joint_limits(document, model, joints, findings)
+    torques = joint_torques(document, model, joints, findings)
     frozen = frozen_positions(document, model, urdf, names, findings)
     postures = posture_positions(document, model, joints, findings)
     contacts, doubtful = (
@@ -192,6 +194,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[Note, ...]]:
         (*contacts, *doubtful),
         meshes,
         read.visuals,
+        torques,
     )
     notes += [
         *_narrowed_notes(joints),

@@ -195,6 +195,35 @@ class LimitSection(Section):
     )
 
 
+class TorqueSection(Section):
+    """Torques of a joint: of one that slides forces, in N, and masses in place of inertias."""
+
+    effort: Torque | None = Field(
+        default=None, description="Largest torque [Nm]; default: the URDF's effort."
+    )
+    derating: Annotated[float, Quantity(quantities.FRACTION, 0.01, 1.0)] = Field(
+        default=1.0, description="Fraction of the effort that may be used."
+    )
+    rated_effort: Torque | None = Field(
+        default=None, description="Largest effective (RMS) torque over a cycle [Nm]; default: none."
+    )
+    coulomb_friction: Torque = Field(default=0.0, description="Coulomb friction [Nm].")
+    viscous_friction: Annotated[float, Field(ge=0.0, le=1e5)] = Field(
+        default=0.0, description="Viscous friction [Nm s/rad]."
+    )
+    rotor_inertia: Annotated[float, Field(ge=0.0, le=1e5)] = Field(
+        default=0.0,
+        description="Inertia of motor and gear at the joint, times the gear ratio squared [kg m²].",
+    )
+    spring: Annotated[float, Quantity(quantities.TORQUE)] = Field(
+        default=0.0,
+        description="Torque of springs and counterweights at position 0 [Nm], towards larger positions.",
+    )
+    spring_stiffness: Annotated[float, Field(ge=-1e6, le=1e6)] = Field(
+        default=0.0, description="Change of that torque by position [Nm/rad]."
+    )
+
+
 class RobotFile(Section):
     """A robot: URDF or tables, platform, arms, limits and named postures."""
 
@@ -217,6 +246,10 @@ class RobotFile(Section):
     limits: dict[Name, LimitSection] = Field(
         default_factory=dict,
         description="Acceleration, jerk and margin of the moving joints, by name; `default`: all others.",
+    )
+    torques: dict[Name, TorqueSection] = Field(
+        default_factory=dict,
+        description="Torque limits of the moving joints, friction, rotors and springs, by name; `default`: all others.",
     )
     frozen: dict[Name, Position] = Field(
         default_factory=dict,

@@ -48,6 +48,7 @@ LENGTH = Dimension(
 ANGLE = Dimension("angle", {"rad": 1.0, "mrad": 1e-3, "deg": _DEG}, 1e3, 6.29, "deg")
 TIME = Dimension("time", {"s": 1.0, "ms": 1e-3, "min": 60.0}, 1e5)
 MASS = Dimension("mass", {"kg": 1.0, "g": 1e-3}, 1e5)
+DENSITY = Dimension("density", {"kg/m^3": 1.0, "g/cm^3": 1e3}, 1e5)
 TORQUE = Dimension("torque", {"Nm": 1.0, "kNm": 1e3}, 1e7)
 FRACTION = Dimension("fraction", {"": 1.0, "%": 0.01}, 1e3)
 SPEED = Dimension("speed", {"m/s": 1.0, "mm/s": 1e-3}, 1e3, 20.0, "mm/s")

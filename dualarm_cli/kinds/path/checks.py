@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import cbrt, cube
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation
-from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH, ToolPath
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.process_work import PathWork
@@ -46,56 +44,7 @@ CRITERIA = {
     "path_corners": Criterion(
         "share of what is allowed", "Largest distance from a rounded corner.", NO_PATHS
     ),
-    "path_torque": Criterion(
-        "share of the limit", "Largest torque of a joint on a path.", "no path has torque limits"
-    ),
 }
-
-
-def check_torques(schedule: Schedule, job: Job | None) -> Check:
-    """Check joint torques against the URDF's limits on paths that request it.
-
-    Joints of a standing arm count, too.
-
-    By the recursive Newton-Euler algorithm, each tool's mass at its tool centre point.
-
-    Args:
-        schedule: with finite numbers and rising times.
-        job: cell and tasks; None for no check of paths.
-    """
-    requested = (
-        {} if job is None else {t.id: t for t in job.tasks if t.path is not None and t.path.torque}
-    )
-    if job is None or not requested:
-        return not_checked("path_torque")
-    model = _model(job.cell)
-    names = list(model.names)[1:]
-    columns = [schedule.trajectory.joints.index(name) for name in names]
-    data, worst = model.createData(), Worst()
-    for segment in schedule.segments:
-        if segment.kind != "path" or segment.task not in requested or segment.end <= segment.start:
-            continue
-        time = dense_times(schedule.trajectory.time, segment.start, segment.end)
-        motion = [rate[:, columns] for rate in schedule.trajectory.at(time)]
-        for k, (q, v, a) in enumerate(zip(*motion, strict=True)):
-            fraction = np.abs(pin.rnea(model, data, q, v, a)) / model.upperEffortLimit
-            joint = int(np.argmax(fraction))
-            place = f"{names[joint]} on {segment.task} at {time[k]:.3f} s"
-            worst.add(float(fraction[joint]), place)
-    return worst.judge("path_torque", 1.0 + TOL.torque_slack, "no segment of kind path")
-
-
-def _model(cell: Cell) -> pin.Model:
-    """Build the robot with its tools' masses and the gravity of its base."""
-    model = pin.buildModelFromXML(cell.robot.urdf)
-    model.gravity.linear = product(cell.base.rotation.T, model.gravity.linear)
-    for arm in cell.robot.arms:
-        tool = cell.tools[arm.name]
-        frame = model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
-        if tool.mass > 0.0:
-            point = pin.Inertia(tool.mass, np.zeros(3), np.zeros((3, 3)))
-            model.appendBodyToJoint(frame.parentJoint, point, frame.placement * tool.tcp)
-    return model
 
 
 DIFFERENCE_STEPS = 4001
@@ -132,8 +81,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         model: kinematics of the tools.
     """
     if job is None or not job.has_paths:
-        names = [name for name in CRITERIA if name != "path_torque"]
-        return [not_checked(name, NO_TASKS if job is None else "") for name in names]
+        return [not_checked(name, NO_TASKS if job is None else "") for name in CRITERIA]
     distance, angle, progress, speed, slow, together, corners = (Worst() for _ in range(7))
     events = {(e.arm, e.task): e for e in schedule.events if e.action == "path"}
     for section in job.sections():
@@ -344,7 +292,6 @@ def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: Too
 CHECKS = KindChecks(
     {
         "work": lambda case: check_paths(case.schedule, case.done, case.model),
-        "joints": lambda case: [check_torques(case.schedule, case.done)],
     },
     CRITERIA,
 )

@@ -146,8 +146,7 @@ def _of_arm(
             message = f"{quote(NO_TOOL)} means that no tool is mounted; choose another name"
             findings.add(document, place, message, key=True)
             continue
-        shapes = [reader.shape(s, (*place, "shapes", k), {}) for k, s in enumerate(entry.shapes)]
-        tool = Tool(to_se3(entry.tcp), entry.mass, tuple(s for s in shapes if s))
+        tool = reader.tool(entry, place)
         _check_axis(document, place, name, tool, permanent, findings)
         stand = _stand(document, entry, place, frames, findings)
         tools[name] = ChangedTool(tool, stand)
