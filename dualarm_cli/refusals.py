@@ -279,6 +279,10 @@ _MOTION = {
     "tool_speed_too_low": "limits: tool_speed: {allowed:g} m/s slows the joints below 1/{slowest} of their speed; "
     "raise it",
 }
+_TORQUES = {
+    "cannot_hold": "{joint} needs {measured:.4g} {unit} to hold still at {time:.2f} s{carrying}, {share:.0%} of its "
+    "effort; give a lighter part or another target, or springs and the true effort in the robot file (`torques`)",
+}
 _CALIBRATION = {
     "few_points": "{points:#|#} {points:point does|points do} not determine the base of one robot relative to the "
     "other; touch at least {allowed} that are not on a line, better 4 to 8 that are well spread",
@@ -314,6 +318,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E620": _CLEARANCE,
     "E630": _MOTION,
     "E640": _CALIBRATION,
+    "E650": _TORQUES,
     "E680": _STARTING,
 }
 SENTENCES: Mapping[str, str] = {

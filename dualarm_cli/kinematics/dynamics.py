@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pinocchio as pin
 
@@ -42,34 +44,34 @@ class JointCoordinates:
 class Dynamics:
     """Rigid-body dynamics; configurations are in the order of the robot's joints."""
 
-    def __init__(self, cell: Cell) -> None:
-        """Build the model, with the fixed tools.
+    def __init__(self, cell: Cell, loads: Mapping[str, pin.Inertia] | None = None) -> None:
+        """Build the model with the fixed tools and what they carry.
 
         Args:
             cell: robot, base and tools.
+            loads: inertia of what each arm carries besides its fixed tool, in the flange frame; None for a robot
+                without tools.
         """
         robot = cell.robot
         self._coordinates = JointCoordinates(robot)
         model, self._back = self._coordinates.model, self._coordinates.back
         model.gravity.linear = product(cell.base.rotation.T, model.gravity.linear)
-        for arm in robot.arms:
-            flange = model.frames[model.getFrameId(arm.flange)]
-            inertia = cell.tools[arm.name].inertia
+        for arm in robot.arms if loads is not None else ():
+            flange = model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
+            inertia = cell.tools[arm.name].inertia + loads.get(arm.name, pin.Inertia.Zero())
             model.appendBodyToJoint(flange.parentJoint, inertia, flange.placement)
-        self._model, self._data = model, model.createData()
+        self._model, self._data, self._robot = model, model.createData(), robot
         self.limit: FloatArray = robot.torques.effort
-        """Largest joint torques [N m], shape (n,), 0 if the URDF has none."""
-        masses = np.array([model.inertias[k].mass for k in range(1, model.njoints)])
-        self._unknown = [
-            robot.joints[j]
-            for j in range(len(robot.joints))
-            if self.limit[j] <= 0.0 or not np.isfinite(self.limit[j]) or masses[self._back[j]] <= 0
-        ]
+        """Largest joint torques [N m], shape (n,), 0 where unknown."""
 
     @property
     def unknown(self) -> list[str]:
         """Joints without a torque limit, or whose link has no mass."""
-        return self._unknown
+        masses = np.array([inertia.mass for inertia in self._model.inertias[1:]])[self._back]
+        known = (self.limit > 0.0) & np.isfinite(self.limit) & (masses > 0.0)
+        return [
+            name for name, is_known in zip(self._robot.joints, known, strict=True) if not is_known
+        ]
 
     def at(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute the mass matrix (n, n) and torques without acceleration (n,) [N m].
@@ -83,3 +85,48 @@ class Dynamics:
         M = np.triu(M) + np.triu(M, 1).T
         bias = pin.nonLinearEffects(self._model, self._data, q, qd)
         return M[np.ix_(self._back, self._back)], bias[self._back]
+
+    def torques(
+        self, q: FloatArray, v: FloatArray, a: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute torques at rest, those of the motion, and friction, each (k, n) [N m or N].
+
+        Springs count at rest, rotors with the motion. The torque of a joint is at most the magnitude of the first two
+        together plus friction.
+
+        Args:
+            q: positions [rad or m], shape (k, n).
+            v: velocities, shape (k, n).
+            a: accelerations, shape (k, n).
+        """
+        rest, motion, known = np.empty(q.shape), np.empty(q.shape), self._robot.torques
+        back, order = self._back, self._coordinates.order
+        for k, position in enumerate(q):
+            at = self._coordinates.of(position)
+            rest[k] = pin.computeGeneralizedGravity(self._model, self._data, at)[back]
+            whole = pin.rnea(self._model, self._data, at, v[k][order], a[k][order])
+            motion[k] = whole[back] - rest[k]
+        rest -= known.spring + known.stiffness * q
+        return rest, motion + known.rotor * a, known.coulomb + known.viscous * np.abs(v)
+
+
+POSTURES = 400
+"""Number of random postures in which the empty robot has to hold itself."""
+
+
+def limits_torques(cell: Cell) -> bool:
+    """Check whether a plan has to stay within torques: the cell's rule and the robot's data.
+
+    The data of a robot that cannot hold itself without tools lack springs or the true effort ([Featherstone2008]).
+    """
+    robot = cell.robot
+    if cell.torque != "limited" or not (robot.torques.effort > 0.0).all():
+        return False
+    dynamics = Dynamics(cell)
+    if dynamics.unknown:
+        return False
+    zero = np.zeros((POSTURES, len(robot.joints)))
+    shares = np.random.default_rng(0).uniform(size=zero.shape)
+    lower, upper = robot.limits.lower, robot.limits.upper
+    at_rest, _, friction = dynamics.torques(lower + shares * (upper - lower), zero, zero)
+    return bool((np.abs(at_rest) + friction <= robot.torques.effort).all())

@@ -18,6 +18,7 @@ from dualarm_cli.model.joint_motion import lean
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.torque_limits import within_torques
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.notes import dwell_note, platform_note
 from dualarm_cli.planning.planned_job import PlannedJob
@@ -70,8 +71,9 @@ def decided_plan(
 def schedule_of(
     job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str, ...]
 ) -> Schedule:
-    """Build the schedule of a motion."""
+    """Build the schedule of a motion, within joint torques."""
     robot = ScheduleRobot.of_job(job)
+    motion, slowed = within_torques(job, motion)
     return Schedule(
         robot=robot,
         motion=lean(motion.trajectory, robot.groups, _named_times(motion)),
@@ -80,7 +82,7 @@ def schedule_of(
         events=motion.events,
         provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
         blend_gain=motion.gain,
-        notes=notes,
+        notes=(*notes, *slowed),
     )
 
 

@@ -111,8 +111,10 @@ def _assumptions(members: Mapping[str, Any]) -> list[str]:
     )
     texts = [filled(text, {"of": of}) for text, of in counts if of]
     checks = (members["verification"] or {"checks": []})["checks"]
-    if any((check["name"], check["verdict"]) == ("torque", "not checked") for check in checks):
-        texts.append("torques (unchecked)")
+    for check in checks:
+        if (check["name"], check["verdict"]) == ("torque", "not checked"):
+            known = check["measured"] is not None
+            texts.append("torques (no limit)" if known else "torques (unchecked)")
     noted = [n for n in members["notes"] if isinstance(n, Note) and (n.topic, n.key) in ASSUMED]
     return texts + [filled(ASSUMED[note.topic, note.key], note.data) for note in noted]
 

@@ -8,6 +8,7 @@ milliseconds between them miss less than the tolerance of a peak.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -173,7 +174,7 @@ def check_torques(schedule: Schedule, job: Job | None) -> list[Check]:
     if overload or cell.torque == "checked":
         reason = overload or "torques are no limit in the cell file (torque: checked)"
         detail = f"{reason}; most is {worst.value:.0%} of the effort, {worst.where}"
-        return [not_checked("torque", detail)]
+        return [replace(not_checked("torque", detail), measured=round(worst.value, 12))]
     checks = [worst.judge("torque", 1.0 + TOL.torque_slack)]
     rated = cell.robot.torques.rated
     if np.isfinite(rated).any():

@@ -16,7 +16,7 @@ def test_mass_matrix_and_rest_are_newton_eulers_torques() -> None:
     base = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.1, 0.2, 0.3]))
     weight = pin.Inertia(0.8, np.array([0.01, 0.0, 0.1]), 0.01 * np.eye(3))
     tool = Tool(pin.SE3.Identity(), weight)
-    dynamics = Dynamics(Cell(robot, base, {arm.name: tool for arm in robot.arms}))
+    dynamics = Dynamics(Cell(robot, base, {arm.name: tool for arm in robot.arms}), {})
     model = pin.buildModelFromXML(robot.urdf)
     # Gravity as the tilted base sees it.
     model.gravity.linear = base.rotation.T @ np.array([0.0, 0.0, -9.81])

@@ -323,7 +323,7 @@ class PathContext:
             WholeBody(job.cell),
             job,
             job.limits,
-            Dynamics(job.cell) if torque else None,
+            Dynamics(job.cell, {}) if torque else None,
         )
 
     def clock(

@@ -1,0 +1,276 @@
+"""Motion within joint torques: spans between rests are slowed as far as their torques require.
+
+Slowing all joints together by a factor s leaves every place of the motion as it is, so that clearance stays proven.
+Torques of the motion fall by s², those at rest do not: the least factor has a closed form ([Hollerbach1984]). Waits
+follow dwells that would become longer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
+from dualarm_cli.model.cell import Held
+from dualarm_cli.model.job import GIVES, TAKES, Job
+from dualarm_cli.model.joint_motion import SAME_TIME
+from dualarm_cli.model.schedule import Segment
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.notes import Note, NoteTable
+from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
+
+torque_note = NoteTable(
+    "torque",
+    slowed="torque: {spans:# motion between rests is|# motions between rests are} slowed, by up to {most:.0%} for "
+    "{joint}, {seconds:.3f} s in all",
+)
+
+
+@dataclass(frozen=True)
+class TorqueSettings:
+    """Sampling and reserve of torque limits."""
+
+    step: float = 0.008
+    """Largest distance of two instants [s]."""
+    reserve: float = 3e-3
+    """Fraction of the effort that is kept, for peaks between instants."""
+    at_rest: float = 1e-9
+    """Speed [rad/s] and acceleration [rad/s²] that count as zero."""
+
+
+SETTINGS = TorqueSettings()
+
+
+def within_torques(job: Job, motion: Motion) -> tuple[Motion, list[Note]]:
+    """Slow a motion where joints would exceed their torques, with a note.
+
+    Motion that follows a belt, a path or a seam has its own time and stays; the verifier judges it.
+
+    Args:
+        job: with the arms of all tasks.
+        motion: of all joints.
+
+    Raises:
+        InfeasibleError: a joint cannot hold still at a place of the motion.
+    """
+    if not limits_torques(job.cell) or any(event.moves for event in motion.events):
+        return motion, []
+    factors, spans, joint = _slowing(job, motion)
+    if not (factors > 1.0).any():
+        return motion, []
+    slowed = _slowed(motion, factors, spans)
+    seconds = slowed.trajectory.duration - motion.trajectory.duration
+    count, most = int((factors > 1.0).sum()), float(factors.max()) - 1.0
+    name = job.cell.robot.joints[joint]
+    return slowed, [torque_note("slowed", spans=count, most=most, joint=name, seconds=seconds)]
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Load of an arm during a span of time."""
+
+    arm: str
+    """Arm."""
+    start: float
+    """Start [s]."""
+    end: float
+    """End [s]."""
+    held: Held
+    """The part in its tool, or the tool."""
+
+
+def _loads(job: Job, motion: Motion) -> list[Loaded]:
+    """List what the arms carry, from event to event."""
+    tasks = {(task.arm, task.id): task for task in job.tasks}
+    loads, end = [], float(motion.trajectory.time[-1])
+    for arm in (part.name for part in job.cell.robot.arms):
+        # A tool that is on at the start stays on until it is left.
+        taken: dict[bool, tuple[float, Held]] = {}
+        if tool := job.cell.start_tool(arm):
+            taken[True] = (0.0, Held(tool))
+        for event in sorted(motion.events, key=lambda event: event.time):
+            task = tasks.get((event.arm, event.task))
+            if event.arm != arm or task is None:
+                continue
+            if event.action in TAKES and (task.is_change or task.part):
+                taken[task.is_change] = (
+                    event.time,
+                    Held(task.tool, "" if task.is_change else task.part),
+                )
+            elif event.action in GIVES and task.is_change in taken:
+                start, held = taken.pop(task.is_change)
+                loads.append(Loaded(arm, start, event.changes_held, held))
+        loads += [Loaded(arm, start, end, held) for start, held in taken.values()]
+    return [load for load in loads if job.cell.load_inertia(load.arm, load.held).mass > 0.0]
+
+
+def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, FloatArray, int]:
+    """Compute the factor of every span between rests, and the joint of the largest one.
+
+    Returns:
+        Factors, at least 1, shape (m,); edges of the spans [s], shape (m + 1,); index of a joint.
+    """
+    trajectory = motion.trajectory
+    still = np.hstack([np.abs(trajectory.velocity), np.abs(trajectory.acceleration)]).max(axis=1)
+    rests = np.flatnonzero(still <= SETTINGS.at_rest)
+    edges = np.unique(np.concatenate([[0], rests, [len(still) - 1]]))
+    times = trajectory.time[edges]
+    squares, joint, loads = np.ones(len(times) - 1), 0, _loads(job, motion)
+    bounds = np.unique([trajectory.time[0], *(t for load in loads for t in (load.start, load.end))])
+    models: dict[tuple[Loaded, ...], Dynamics] = {}
+    for first, last in zip(bounds, [*bounds[1:], trajectory.time[-1]], strict=True):
+        if last <= first:
+            continue
+        held = [load for load in loads if load.start <= first and load.end >= last]
+        key = tuple(replace(load, start=0.0, end=0.0) for load in held)
+        if key not in models:
+            models[key] = Dynamics(job.cell, _carried(job, held))
+        time, (q, v, a) = _instants(trajectory, float(first), float(last))
+        square, columns = _least_squares(job, models[key], time, (q, v, a), held)
+        span = np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(squares) - 1)
+        worst = int(np.argmax(square))
+        if square[worst] > squares.max():
+            joint = int(columns[worst])
+        np.maximum.at(squares, span, square)
+    for segment in motion.segments:
+        if segment.kind in ("path", "seam"):
+            inside = (times[:-1] < segment.end - SAME_TIME) & (
+                times[1:] > segment.start + SAME_TIME
+            )
+            squares[inside] = 1.0
+    return np.sqrt(squares), times, joint
+
+
+def _carried(job: Job, held: Sequence[Loaded]) -> Mapping[str, pin.Inertia]:
+    """Sum the inertias of the arms' loads."""
+    total: dict[str, pin.Inertia] = {}
+    for load in held:
+        inertia = job.cell.load_inertia(load.arm, load.held)
+        total[load.arm] = total[load.arm] + inertia if load.arm in total else inertia
+    return total
+
+
+def _instants(
+    trajectory: Trajectory, start: float, end: float
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
+    """Sample a span at its knots, on both sides of jumps, and between them."""
+    inside = trajectory.time[(trajectory.time > start) & (trajectory.time < end)]
+    uniform = np.arange(start, end, SETTINGS.step)
+    time = np.unique(np.concatenate([[start], inside, uniform, [end]]))
+    q, v, a = trajectory.at(time)
+    # At a jump `at` gives the later acceleration; the earlier one is in the first of both knots.
+    jumps = np.flatnonzero(
+        (np.diff(trajectory.time) <= 0.0)
+        & (trajectory.time[1:] > start)
+        & (trajectory.time[1:] <= end)
+    )
+    rows = (trajectory.position, trajectory.velocity, trajectory.acceleration)
+    before = tuple(row[jumps] for row in rows)
+    whole = [np.vstack([x, y]) for x, y in zip((q, v, a), before, strict=True)]
+    return np.concatenate([time, trajectory.time[jumps]]), (whole[0], whole[1], whole[2])
+
+
+def _least_squares(
+    job: Job,
+    dynamics: Dynamics,
+    time: FloatArray,
+    motion: tuple[FloatArray, FloatArray, FloatArray],
+    held: Sequence[Loaded],
+) -> tuple[FloatArray, FloatArray]:
+    """Compute the least square of the slowing factor at instants, and its joint.
+
+    Returns:
+        Squares, 0 at rest, shape (k,); indices of joints, shape (k,).
+
+    Raises:
+        InfeasibleError: a joint cannot hold still.
+    """
+    at_rest, moving, friction = dynamics.torques(*motion)
+    effort = (1.0 - SETTINGS.reserve) * dynamics.limit - friction
+    room = effort - np.sign(moving) * at_rest
+    lacking = np.abs(at_rest) - effort
+    k, joint = np.unravel_index(int(np.argmax(lacking)), lacking.shape)
+    if lacking[k, joint] >= 0.0:
+        raise InfeasibleError(
+            _cannot_hold(job, float(time[k]), int(joint), float(at_rest[k, joint]), held)
+        )
+    squares = np.abs(moving) / room
+    return squares.max(axis=1), squares.argmax(axis=1)
+
+
+def _cannot_hold(
+    job: Job, time: float, joint: int, torque: float, held: Sequence[Loaded]
+) -> Refusal:
+    """Build the refusal of a joint that cannot hold still."""
+    robot = job.cell.robot
+    effort = float(robot.torques.effort[joint])
+    loads = [f"{load.arm} {load.held.name}" for load in held]
+    data = {
+        "joint": robot.joints[joint],
+        "unit": "N" if robot.joints[joint] in robot.sliding else "N m",
+        "torque": abs(torque),
+        "share": abs(torque) / effort,
+        "time": time,
+        "loads": loads,
+        "carrying": f", carrying {' and '.join(loads)}" if loads else "",
+    }
+    return Refusal("cannot_hold", measured=abs(torque), allowed=effort, data=data)
+
+
+def _slowed(motion: Motion, factors: FloatArray, edges: FloatArray) -> Motion:
+    """Slow the spans of a motion by their factors.
+
+    Args:
+        motion: of all joints.
+        factors: at least 1, shape (m,).
+        edges: of the spans [s], shape (m + 1,).
+    """
+    old = motion.trajectory
+    span = np.clip(np.searchsorted(edges, old.time, side="right") - 1, 0, len(factors) - 1)
+    starts = np.concatenate([[0.0], np.cumsum(np.diff(edges) * factors)])
+    # At an edge all joints are at rest, so that either factor serves.
+    factor = factors[span][:, None]
+    time = starts[span] + (old.time - edges[span]) * factor[:, 0]
+    trajectory = Trajectory(
+        old.joints,
+        np.maximum.accumulate(time),
+        old.position,
+        old.velocity / factor,
+        old.acceleration / np.square(factor),
+    )
+
+    def later(t: float) -> float:
+        k = min(max(int(np.searchsorted(edges, t, side="right")) - 1, 0), len(factors) - 1)
+        return float(starts[k] + (t - edges[k]) * factors[k])
+
+    return replace(
+        motion,
+        trajectory=trajectory,
+        stages=tuple(replace(s, start=later(s.start), end=later(s.end)) for s in motion.stages),
+        segments=_segments(motion, [(later(s.start), later(s.end)) for s in motion.segments]),
+        events=tuple(replace(event, time=later(event.time)) for event in motion.events),
+    )
+
+
+def _segments(motion: Motion, spans: Sequence[tuple[float, float]]) -> tuple[Segment, ...]:
+    """Move segments to their new spans [s]; dwells keep their length, and a wait follows."""
+    segments: list[Segment] = []
+    waits: Segment | None = None
+    for segment, (start, end) in zip(motion.segments, spans, strict=True):
+        if waits is not None and segment.kind == "wait" and segment.arm == waits.arm:
+            start = segments.pop().start
+        stop = start + segment.end - segment.start if segment.kind == "dwell" else end
+        segments.append(replace(segment, start=start, end=stop))
+        waits = None
+        if end - stop > SAME_TIME:
+            names = segment.arm, "wait", segment.task, segment.action
+            waits = Segment(*names, stop, end, reason="partner")
+            segments.append(waits)
+    return tuple(segments)
