@@ -56,22 +56,21 @@ class Dynamics:
         self._coordinates = JointCoordinates(robot)
         model, self._back = self._coordinates.model, self._coordinates.back
         model.gravity.linear = product(cell.base.rotation.T, model.gravity.linear)
-        for arm in robot.arms if loads is not None else ():
+        for arm in () if loads is None else robot.arms:
             flange = model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
-            inertia = cell.tools[arm.name].inertia + loads.get(arm.name, pin.Inertia.Zero())
+            load = (loads or {}).get(arm.name, pin.Inertia.Zero())
+            inertia = cell.tools[arm.name].inertia + load
             model.appendBodyToJoint(flange.parentJoint, inertia, flange.placement)
         self._model, self._data, self._robot = model, model.createData(), robot
         self.limit: FloatArray = robot.torques.effort
-        """Largest joint torques [N m], shape (n,), 0 where unknown."""
+        """Largest joint torques [N m], shape (n,), 0 where unjoint."""
 
     @property
     def unknown(self) -> list[str]:
         """Joints without a torque limit, or whose link has no mass."""
         masses = np.array([inertia.mass for inertia in self._model.inertias[1:]])[self._back]
-        known = (self.limit > 0.0) & np.isfinite(self.limit) & (masses > 0.0)
-        return [
-            name for name, is_known in zip(self._robot.joints, known, strict=True) if not is_known
-        ]
+        has_data = (self.limit > 0.0) & np.isfinite(self.limit) & (masses > 0.0)
+        return [name for name, has in zip(self._robot.joints, has_data, strict=True) if not has]
 
     def at(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute the mass matrix (n, n) and torques without acceleration (n,) [N m].
@@ -89,25 +88,25 @@ class Dynamics:
     def torques(
         self, q: FloatArray, v: FloatArray, a: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute torques at rest, those of the motion, and friction, each (k, n) [N m or N].
+        """Compute torques at rest, of the motion, and of friction [N m or N].
 
-        Springs count at rest, rotors with the motion. The torque of a joint is at most the magnitude of the first two
-        together plus friction.
+        Each has shape (k, n). Springs count at rest, rotors with the motion. The torque of a joint is at most the
+        magnitude of the first two together plus friction.
 
         Args:
             q: positions [rad or m], shape (k, n).
             v: velocities, shape (k, n).
             a: accelerations, shape (k, n).
         """
-        rest, motion, known = np.empty(q.shape), np.empty(q.shape), self._robot.torques
+        rest, motion, joint = np.empty(q.shape), np.empty(q.shape), self._robot.torques
         back, order = self._back, self._coordinates.order
         for k, position in enumerate(q):
             at = self._coordinates.of(position)
             rest[k] = pin.computeGeneralizedGravity(self._model, self._data, at)[back]
             whole = pin.rnea(self._model, self._data, at, v[k][order], a[k][order])
             motion[k] = whole[back] - rest[k]
-        rest -= known.spring + known.stiffness * q
-        return rest, motion + known.rotor * a, known.coulomb + known.viscous * np.abs(v)
+        rest -= joint.spring + joint.stiffness * q
+        return rest, motion + joint.rotor * a, joint.coulomb + joint.viscous * np.abs(v)
 
 
 POSTURES = 400

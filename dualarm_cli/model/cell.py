@@ -166,7 +166,7 @@ class Cell:
         return of_tool, tuple(replace(shape, pose=T_own_tool * shape.pose) for shape in part)
 
     def load_inertia(self, arm: str, load: Held) -> pin.Inertia:
-        """Return the inertia of a held part, or of a held tool without one, in the flange frame."""
+        """Return the inertia of a held part or, without a part, tool, in the flange frame."""
         if not load.part:
             return self.tool_changes[arm].tools[load.tool].tool.inertia
         tcp = self.tools[arm].tcp * self.T_own_tool(arm, load.tool)

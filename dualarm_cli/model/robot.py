@@ -141,7 +141,7 @@ class JointTorques:
 
     @classmethod
     def of_effort(cls, effort: FloatArray) -> JointTorques:
-        """Build the torques of joints of which only the effort [N m] is known, shape (n,)."""
+        """Build joint torques from efforts [N m], shape (n,); nothing else is known."""
         zero = np.zeros(len(effort))
         return cls(effort, np.full(len(effort), np.inf), zero, zero, zero, zero, zero)
 

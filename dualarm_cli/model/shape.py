@@ -78,7 +78,7 @@ def _convex(hull: Hull) -> coal.Convex:
 
 
 def uniform_inertia(shapes: Iterable[Shape]) -> pin.Inertia:
-    """Compute the inertia of solids with a density of 1 kg/m³, in their frame [kg, m, kg m²].
+    """Compute the inertia of solids with density 1 kg/m³, in their frame.
 
     Where two solids overlap, both count.
 

@@ -29,7 +29,7 @@ from dualarm_cli.refusals import Refusal
 torque_note = NoteTable(
     "torque",
     slowed="torque: {spans:# motion between rests is|# motions between rests are} slowed, by up to {most:.0%} for "
-    "{joint}, {seconds:.3f} s in all",
+    "{joint}, together by {seconds:.3f} s",
 )
 
 
@@ -73,7 +73,7 @@ def within_torques(job: Job, motion: Motion) -> tuple[Motion, list[Note]]:
 
 
 @dataclass(frozen=True)
-class Loaded:
+class PayloadSpan:
     """Load of an arm during a span of time."""
 
     arm: str
@@ -86,7 +86,7 @@ class Loaded:
     """The part in its tool, or the tool."""
 
 
-def _loads(job: Job, motion: Motion) -> list[Loaded]:
+def _loads(job: Job, motion: Motion) -> list[PayloadSpan]:
     """List what the arms carry, from event to event."""
     tasks = {(task.arm, task.id): task for task in job.tasks}
     loads, end = [], float(motion.trajectory.time[-1])
@@ -106,8 +106,8 @@ def _loads(job: Job, motion: Motion) -> list[Loaded]:
                 )
             elif event.action in GIVES and task.is_change in taken:
                 start, held = taken.pop(task.is_change)
-                loads.append(Loaded(arm, start, event.changes_held, held))
-        loads += [Loaded(arm, start, end, held) for start, held in taken.values()]
+                loads.append(PayloadSpan(arm, start, event.changes_held, held))
+        loads += [PayloadSpan(arm, start, end, held) for start, held in taken.values()]
     return [load for load in loads if job.cell.load_inertia(load.arm, load.held).mass > 0.0]
 
 
@@ -124,7 +124,7 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, FloatArray, int]:
     times = trajectory.time[edges]
     squares, joint, loads = np.ones(len(times) - 1), 0, _loads(job, motion)
     bounds = np.unique([trajectory.time[0], *(t for load in loads for t in (load.start, load.end))])
-    models: dict[tuple[Loaded, ...], Dynamics] = {}
+    models: dict[tuple[PayloadSpan, ...], Dynamics] = {}
     for first, last in zip(bounds, [*bounds[1:], trajectory.time[-1]], strict=True):
         if last <= first:
             continue
@@ -148,7 +148,7 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, FloatArray, int]:
     return np.sqrt(squares), times, joint
 
 
-def _carried(job: Job, held: Sequence[Loaded]) -> Mapping[str, pin.Inertia]:
+def _carried(job: Job, held: Sequence[PayloadSpan]) -> Mapping[str, pin.Inertia]:
     """Sum the inertias of the arms' loads."""
     total: dict[str, pin.Inertia] = {}
     for load in held:
@@ -182,7 +182,7 @@ def _least_squares(
     dynamics: Dynamics,
     time: FloatArray,
     motion: tuple[FloatArray, FloatArray, FloatArray],
-    held: Sequence[Loaded],
+    held: Sequence[PayloadSpan],
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the least square of the slowing factor at instants, and its joint.
 
@@ -206,7 +206,7 @@ def _least_squares(
 
 
 def _cannot_hold(
-    job: Job, time: float, joint: int, torque: float, held: Sequence[Loaded]
+    job: Job, time: float, joint: int, torque: float, held: Sequence[PayloadSpan]
 ) -> Refusal:
     """Build the refusal of a joint that cannot hold still."""
     robot = job.cell.robot
@@ -235,7 +235,7 @@ def _slowed(motion: Motion, factors: FloatArray, edges: FloatArray) -> Motion:
     old = motion.trajectory
     span = np.clip(np.searchsorted(edges, old.time, side="right") - 1, 0, len(factors) - 1)
     starts = np.concatenate([[0.0], np.cumsum(np.diff(edges) * factors)])
-    # At an edge all joints are at rest, so that either factor serves.
+    # At an edge all joints are at rest, so that both factors give the same.
     factor = factors[span][:, None]
     time = starts[span] + (old.time - edges[span]) * factor[:, 0]
     trajectory = Trajectory(
@@ -270,7 +270,7 @@ def _segments(motion: Motion, spans: Sequence[tuple[float, float]]) -> tuple[Seg
         segments.append(replace(segment, start=start, end=stop))
         waits = None
         if end - stop > SAME_TIME:
-            names = segment.arm, "wait", segment.task, segment.action
-            waits = Segment(*names, stop, end, reason="partner")
+            names = segment.task, segment.action
+            waits = Segment(segment.arm, "wait", *names, stop, end, reason="partner")
             segments.append(waits)
     return tuple(segments)

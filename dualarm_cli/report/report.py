@@ -113,8 +113,8 @@ def _assumptions(members: Mapping[str, Any]) -> list[str]:
     checks = (members["verification"] or {"checks": []})["checks"]
     for check in checks:
         if (check["name"], check["verdict"]) == ("torque", "not checked"):
-            known = check["measured"] is not None
-            texts.append("torques (no limit)" if known else "torques (unchecked)")
+            measured = check["measured"] is not None
+            texts.append("torques (no limit)" if measured else "torques (unchecked)")
     noted = [n for n in members["notes"] if isinstance(n, Note) and (n.topic, n.key) in ASSUMED]
     return texts + [filled(ASSUMED[note.topic, note.key], note.data) for note in noted]
 

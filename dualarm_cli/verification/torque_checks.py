@@ -49,7 +49,7 @@ PLACEHOLDERS = 4
 
 
 @dataclass(frozen=True)
-class Load:
+class Payload:
     """Part or changed tool that an arm carries."""
 
     carrier: str
@@ -99,7 +99,7 @@ class InverseDynamics:
         if not empty:
             for arm in robot.arms:
                 self._add(self._model, arm.name, cell.tools[arm.name].inertia)
-        self._models: dict[tuple[Load, ...], tuple[pin.Model, pin.Data]] = {}
+        self._models: dict[tuple[Payload, ...], tuple[pin.Model, pin.Data]] = {}
 
     @property
     def masses(self) -> FloatArray:
@@ -109,7 +109,7 @@ class InverseDynamics:
         return masses
 
     def torques(
-        self, q: FloatArray, v: FloatArray, a: FloatArray, loads: Sequence[Load] = ()
+        self, q: FloatArray, v: FloatArray, a: FloatArray, loads: Sequence[Payload] = ()
     ) -> FloatArray:
         """Compute torques of joints [N m or N], shape (k, n).
 
@@ -134,7 +134,7 @@ class InverseDynamics:
         sign = np.where(np.abs(v) > SAMPLING.at_rest, np.sign(v), np.sign(links))
         return links + joint.coulomb * sign
 
-    def _loaded(self, loads: tuple[Load, ...]) -> tuple[pin.Model, pin.Data]:
+    def _loaded(self, loads: tuple[Payload, ...]) -> tuple[pin.Model, pin.Data]:
         """Build the model with loads, once for each combination."""
         if loads not in self._models:
             model = pin.Model(self._model)
@@ -192,7 +192,7 @@ class Peak:
     """Its magnitude [N m or N]."""
     time: float
     """Time [s]."""
-    loads: tuple[Load, ...]
+    loads: tuple[Payload, ...]
     """Loads of the arms then."""
     unit: str
     """Unit of the torque."""
@@ -269,10 +269,10 @@ def _instants(
     return start[row] + dt, weight, motion
 
 
-def _loads(schedule: Schedule, job: Job) -> tuple[list[Load], list[list[tuple[float, float]]]]:
+def _loads(schedule: Schedule, job: Job) -> tuple[list[Payload], list[list[tuple[float, float]]]]:
     """List the loads that weigh something, with the spans in which they are carried [s]."""
     loads = [
-        Load(arm.name, held)
+        Payload(arm.name, held)
         for arm in job.cell.robot.arms
         for held in job.cell.all_held(arm.name).values()
         if held.name and not held.docking

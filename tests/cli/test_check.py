@@ -105,7 +105,7 @@ def test_json_is_one_document(folder: Path) -> None:
             "code": "E201",
             "message": "unknown key 'claerance', did you mean 'clearance'? Allowed: dualarm, "
             "robot, base, tools, frames, obstacles, clearance, clearances, allowed_contacts, parts, limits, "
-            "conveyors, tool_changes",
+            "torque, conveyors, tool_changes",
         }
     ]
     assert document["files"][1] == {

@@ -58,7 +58,7 @@ def test_a_list_with_names_means_what_the_mapping_means(project: Path) -> None:
         np.testing.assert_array_equal(
             one.tools[arm].tcp.homogeneous, other.tools[arm].tcp.homogeneous
         )
-        assert one.tools[arm].mass == other.tools[arm].mass
+        assert one.tools[arm].inertia == other.tools[arm].inertia
 
 
 @pytest.mark.parametrize(

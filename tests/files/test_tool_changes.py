@@ -45,7 +45,7 @@ def test_tools_and_stands_are_read(changing: Path) -> None:
     assert list(own.tools) == ["gripper", "suction"]
     gripper = own.tools["gripper"]
     np.testing.assert_allclose(gripper.tool.tcp.translation, [0.0, 0.0, 0.15])
-    assert gripper.tool.mass == 0.8
+    assert gripper.tool.inertia.mass == 0.8
     np.testing.assert_allclose(gripper.stand.translation, [0.4, 0.2, 0.7], atol=1e-15)
     assert f"{own.place}".startswith("cell.yaml:12:")
 

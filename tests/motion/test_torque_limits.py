@@ -77,7 +77,7 @@ def test_a_span_is_slowed_as_far_as_its_torque_requires() -> None:
     assert motion.events[0].time == pytest.approx(0.8)
     [note] = notes
     assert note.startswith(
-        "torque: 1 motion between rests is slowed, by up to 100% for swing, 0.400 s"
+        "torque: 1 motion between rests is slowed, by up to 100% for swing, together by 0.400 s"
     )
 
 

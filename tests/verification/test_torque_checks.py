@@ -17,7 +17,7 @@ from dualarm_cli.model.cell import Cell, Held, Tool
 from dualarm_cli.model.robot import Arm, JointLimits, JointTorques, Robot
 from dualarm_cli.model.schedule import Event
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.verification.torque_checks import InverseDynamics, Load, check_torques
+from dualarm_cli.verification.torque_checks import InverseDynamics, Payload, check_torques
 
 MASS, LENGTH, GRAVITY = 2.0, 0.5, 9.81
 URDF = """\
@@ -221,7 +221,7 @@ def test_torques_are_those_of_mujoco(name: str) -> None:
             )
     model, data, joints = by_mujoco(urdf)
     columns = [robot.joints.index(joint) for joint in joints]
-    loads = [Load(arm.name, Held(part="box")) for arm in robot.arms]
+    loads = [Payload(arm.name, Held(part="box")) for arm in robot.arms]
     q = random.uniform(robot.limits.lower, robot.limits.upper, (200, len(columns)))
     v, a = 3.0 * random.normal(size=(2, *q.shape))
     torques = InverseDynamics(cell).torques(q, v, a, loads)

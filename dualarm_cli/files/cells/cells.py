@@ -307,7 +307,7 @@ class CellReader:
     def _inertia(
         self, section: WeighedSection, shapes: Sequence[Shape], point: FloatArray, loc: Loc
     ) -> pin.Inertia:
-        """Read the inertia of a tool or a part; without solids its mass is at a point (3,) [m]."""
+        """Read an inertia; without solids the mass is at a point (3,) [m]."""
         solid = uniform_inertia(shapes)
         if section.density is not None and solid.mass <= 0.0:
             message = "a density needs shapes that have a volume; give a mass, or shapes"

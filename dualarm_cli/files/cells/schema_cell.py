@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import core_schema
 
@@ -117,7 +116,7 @@ Moments = Annotated[list[float], Field(min_length=3, max_length=6)]
 
 
 class WeighedSection(Section):
-    """A body with a mass, of which all else may follow from its solids."""
+    """A body with a mass; centre and moments may follow from its solids."""
 
     mass: Mass | None = Field(default=None, description="Mass [kg]; default: none.")
     density: Density | None = Field(
@@ -151,12 +150,15 @@ def _check_moments(moments: list[float]) -> None:
     if len(moments) not in (3, 6):
         raise refuse(f"takes 3 or 6 numbers, not {len(moments)}", "inertia")
     xx, yy, zz, xy, xz, yz = [*moments, 0.0, 0.0, 0.0][:6]
-    principal = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    slack = 1e-9 * float(np.abs(principal).max())
-    if principal[0] < -slack or principal[0] + principal[1] < principal[2] - slack:
+    # Second moments of mass: no principal minor of their matrix is negative.
+    a, b, c = (yy + zz - xx) / 2.0, (xx + zz - yy) / 2.0, (xx + yy - zz) / 2.0
+    pairs = (a * b - xy * xy, a * c - xz * xz, b * c - yz * yz)
+    determinant = a * pairs[2] - c * xy * xy - b * xz * xz - 2.0 * xy * xz * yz
+    size = max(abs(moment) for moment in moments)
+    slack = 1e-9 * size
+    if min(a, b, c) < -slack or min(pairs) < -slack * size or determinant < -slack * size * size:
         raise refuse(
-            "no body has these moments: of the principal ones none is negative, and none exceeds the sum of the "
-            "other two",
+            "no body has these moments: of the principal ones none exceeds the sum of the other two",
             "inertia",
         )
 

@@ -196,7 +196,7 @@ class LimitSection(Section):
 
 
 class TorqueSection(Section):
-    """Torques of a joint: of one that slides forces, in N, and masses in place of inertias."""
+    """Torques of a joint; of a sliding joint forces in N, and masses."""
 
     effort: Torque | None = Field(
         default=None, description="Largest torque [Nm]; default: the URDF's effort."
