@@ -221,16 +221,12 @@ def bodies_without_shape(cell: Cell) -> list[str]:
     return [*arms, *tools_without_shape(cell)]
 
 
-REQUEST = coal.DistanceRequest()
-"""Settings of coal's distances: its defaults."""
-
-
 def solid_distance(
     solid_a: Solid, transform_a: coal.Transform3s, solid_b: Solid, transform_b: coal.Transform3s
 ) -> float:
     """Compute the distance of two solids at two places, by coal [m]; negative for overlap."""
-    result = coal.DistanceResult()
-    coal.distance(solid_a.geometry, transform_a, solid_b.geometry, transform_b, REQUEST, result)
+    result, request = coal.DistanceResult(), coal.DistanceRequest()
+    coal.distance(solid_a.geometry, transform_a, solid_b.geometry, transform_b, request, result)
     return float(result.min_distance)
 
 

@@ -255,3 +255,27 @@ def test_without_a_terminal_progress_is_a_line_from_time_to_time(monkeypatch, ca
     assert set(lines) == {"verifying: 0 s"} and 1 < len(lines) <= 10
     time.sleep(0.05)
     assert capfd.readouterr().err == ""
+
+
+def test_planning_begins_within_a_tenth_of_a_second_of_a_change(tmp_path, monkeypatch):
+    """The file is saved during the first wait; what follows it until the second plan is waited for."""
+    (tmp_path / ".git").mkdir()
+    tasks, page = tmp_path / "tasks.yaml", tmp_path / "page.html"
+    tasks.write_text("dualarm: tasks/1\n")
+    page.write_text("<html></html>")
+    waits, plans = [], []
+
+    def sleep(seconds):
+        waits.append(seconds)
+        if len(waits) == 1:
+            tasks.write_text("dualarm: tasks/1  # saved\n")
+
+    def plan():
+        plans.append(len(waits))
+        if len(plans) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(while_planning.time, "sleep", sleep)
+    while_planning.keep_planning(tasks, page, plan, open_page=False)
+    assert plans == [0, 2]
+    assert sum(waits) <= 0.1 + 1e-9

@@ -168,9 +168,9 @@ def lines_of_progress(status: StatusLine) -> Iterator[None]:
         ended.set()
 
 
-PAUSE = 0.3
+PAUSE = 0.05
 """Interval at which the files are checked [s]."""
-STILL = 0.2
+STILL = 0.05
 """Time without changes before planning starts [s]. Editors write in steps."""
 KINDS = (".yaml", ".yml", ".urdf", ".csv", ".stl", ".obj", ".ply", ".dae")
 """Files of a job, by their endings."""
