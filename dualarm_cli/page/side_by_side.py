@@ -25,9 +25,7 @@ from dualarm_cli.report.comparison.comparison import (
 TIME_TOLERANCE = 0.0005
 """Time tolerance of equally long stages [s]."""
 MIN_WIDTH = 720
-"""Minimum width of a plan's page before it is zoomed out [CSS pixels]."""
-NARROW = 700
-"""Maximum window width of the layout with one column [CSS pixels]."""
+"""Minimum width of a plan's page before it is zoomed out, and of two columns [CSS pixels]."""
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -41,7 +39,7 @@ header {{ grid-column: 1 / 3; padding: 6px 12px; max-height: 34vh; overflow: aut
 p {{ margin: 4px 0 }}
 iframe {{ width: 100%; height: 100%; border: 0 }}
 iframe:only-of-type {{ grid-column: 1 / 3 }}
-@media (max-width: {narrow}px) {{
+@media (max-width: {narrowest}px) {{
   body {{ height: auto; grid-template: none / minmax(0, 1fr) }}
   header, iframe:only-of-type {{ grid-column: 1 }}
   header {{ max-height: none }}
@@ -168,7 +166,7 @@ axis.addEventListener("click", (event) => {{
 
 /** Zooms pages out in narrow columns, and in with the text of this page. */
 function fit() {{
-  const zoom = innerWidth > {narrow} ? Math.min(size, innerWidth / frames.length / {narrowest}) : 1;
+  const zoom = innerWidth > {narrowest} ? Math.min(size, innerWidth / frames.length / {narrowest}) : 1;
   frames.forEach((one) => (one.frame.style.zoom = zoom));
 }}
 addEventListener("resize", () => {{
@@ -282,7 +280,6 @@ def side_by_side(
         ),
         "first": script_json(list(first)),
         "narrowest": MIN_WIDTH,
-        "narrow": NARROW,
     }
     return _PAGE.format(**words).encode("utf-8", "backslashreplace")
 

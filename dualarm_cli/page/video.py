@@ -66,7 +66,7 @@ FORMS = {
         1280,
         720,
         25,
-        ("-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart"),
+        (*("-c:v", "libx264", "-crf", "20"), *("-pix_fmt", "yuv420p", "-movflags", "+faststart")),
     ),
     ".gif": VideoForm(
         640,
@@ -117,17 +117,8 @@ def write_video(page: Path, video: Path, progress: Callable[[int, int], None]) -
     form = FORMS[video.suffix.lower()]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"video{video.suffix.lower()}"
-        command = [
-            "ffmpeg",
-            "-loglevel",
-            "error",
-            "-f",
-            "image2pipe",
-            "-framerate",
-            str(form.rate),
-            "-i",
-            "-",
-        ]
+        source = ("-f", "image2pipe", "-framerate", str(form.rate), "-i", "-")
+        command = ["ffmpeg", "-loglevel", "error", *source]
         pipe = subprocess.PIPE
         with subprocess.Popen([*command, *form.encoder, file], stdin=pipe, stderr=pipe) as ffmpeg:
             assert ffmpeg.stdin is not None and ffmpeg.stderr is not None
