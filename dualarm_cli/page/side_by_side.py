@@ -25,7 +25,7 @@ from dualarm_cli.report.comparison.comparison import (
 TIME_TOLERANCE = 0.0005
 """Time tolerance of equally long stages [s]."""
 MIN_WIDTH = 720
-"""Minimum width of a plan's page beside another plan [CSS pixels]."""
+"""Minimum width of a plan's page [CSS pixels]."""
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
