@@ -19,7 +19,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
-from dualarm_cli.starting.layout import LAYOUT, room_for_table
+from dualarm_cli.starting.layout import LAYOUT
+from dualarm_cli.starting.table import room_for_table
 from tests.checked_files import check_file
 
 ROOT = Path(__file__).parents[2]
@@ -285,7 +286,7 @@ def test_a_table_leaves_the_room_that_the_platform_may_take(names, most):
     y = np.arange(-0.6, 0.6, 0.01) + 0.005
     tools = {"left": Tool(pin.SE3.Identity())}
     cell = Cell(column(*names), pin.SE3.Identity(), tools, {}, ())
-    free = room_for_table(cell, y, y, (-0.01, 0.01), arms=True)
+    free = room_for_table(cell, y, y, (-0.01, 0.01), LAYOUT.room, arms=True)
     assert free[:, y < 0.0].all()
     taken = np.abs(y[~free.all(axis=1)])
     assert abs(taken.max() - (most + LAYOUT.room + 0.005)) < 0.0101
