@@ -1,4 +1,4 @@
-"""Table of a proposed cell: places clear of the robot, and the rectangle with the largest reach."""
+"""Table of a proposed cell: where it clears the robot, and where most is reached."""
 
 from __future__ import annotations
 

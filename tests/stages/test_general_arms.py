@@ -130,7 +130,7 @@ def test_named_methods_that_do_not_serve_say_why(general_robots, tmp_path):
             plan_without_bound(job, settings)
         assert words in str(caught.value)
         assert "left and right arms are not spherical-revolute-spherical" in str(caught.value)
-        assert "--platform sequence" in str(caught.value)
+        assert "the platform methods sequence and fixed plan such arms" in str(caught.value)
 
 
 def test_numeric_inverse_kinematics_serves_arms_with_closed_forms_as_well(tasks_folder):
