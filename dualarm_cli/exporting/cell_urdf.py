@@ -35,7 +35,7 @@ def cell_urdf(cell: Cell) -> CellUrdf:
 
     Tools are links fixed to the flanges, `left_tcp` and `right_tcp` stand for tool centre points, and obstacles are
     fixed to the robot's root link, whose pose in the cell is in `schedule.json`. Changed tools and carried parts come
-    and go: they are left out.
+    and go: they are left out. Tools have their masses.
 
     Args:
         cell: of the data model.
@@ -52,6 +52,8 @@ def cell_urdf(cell: Cell) -> CellUrdf:
         flange = robot.arm(arm).flange
         body = Element("link", {"name": _free(f"{arm}_tool", taken)})
         body = writer.with_shapes(body, tool.shapes, pin.SE3.Identity())
+        if tool.inertia.mass > 0.0:
+            body.children.append(_inertial(tool.inertia))
         point = Element("link", {"name": _free(f"{arm}_tcp", taken)})
         parts += [body, _fixed(body.name, flange, pin.SE3.Identity(), taken)]
         parts += [point, _fixed(point.name, flange, tool.tcp, taken)]
@@ -125,6 +127,27 @@ class _Writer:
 
 def _box(x: float, y: float, z: float) -> Element:
     return Element("box", {"size": f"{x!r} {y!r} {z!r}"})
+
+
+def _inertial(inertia: pin.Inertia) -> Element:
+    """Build the element of an inertia in its link's frame."""
+    moments = inertia.inertia
+    columns = (("x", 0), ("y", 1), ("z", 2))
+    words = {
+        f"i{first}{second}": repr(float(moments[row, column]))
+        for first, row in columns
+        for second, column in columns[row:]
+    }
+    center = pin.SE3(pin.SE3.Identity().rotation, inertia.lever)
+    return Element(
+        "inertial",
+        {},
+        children=[
+            Element("origin", origin_words(center)),
+            Element("mass", {"value": repr(float(inertia.mass))}),
+            Element("inertia", words),
+        ],
+    )
 
 
 def _fixed(child: str, parent: str, pose: pin.SE3, taken: set[str]) -> Element:

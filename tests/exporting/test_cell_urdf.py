@@ -52,7 +52,7 @@ def with_everything(cell: Cell) -> Cell:
     floor = Shape("half_space", (), pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.1])))
     return dataclasses.replace(
         cell,
-        tools={**cell.tools, arm.name: Tool(pin.SE3.Identity(), 0.0, (mesh, capsule))},
+        tools={**cell.tools, arm.name: Tool(pin.SE3.Identity(), shapes=(mesh, capsule))},
         obstacles=(Obstacle(arm.flange, mesh), Obstacle('a "<b>"', mesh), Obstacle("floor", floor)),
     )
 
@@ -91,3 +91,22 @@ def test_a_plan_is_verified_with_the_cell_beside_it(
     assert run(["verify", "p", "--quiet"]) == 0
     Path("p/robot.urdf").write_text(text + " ")
     assert run(["verify", "p", "--quiet"]) == 1
+
+
+def test_tools_have_their_masses() -> None:
+    """Torques of the written robot are those of the plain one with the tool's inertia added by pinocchio."""
+    cell = load_job(bundled_tasks()["01_first_pick"]).cell
+    arm = cell.robot.arms[0]
+    moments = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, -0.002], [0.0, -0.002, 0.025]])
+    inertia = pin.Inertia(1.7, np.array([0.01, -0.02, 0.05]), moments)
+    tool = dataclasses.replace(cell.tools[arm.name], inertia=inertia)
+    cell = dataclasses.replace(cell, tools={**cell.tools, arm.name: tool})
+    model = pin.buildModelFromXML(cell_urdf(cell).text)
+    plain = pin.buildModelFromXML(cell.robot.urdf)
+    flange = plain.frames[plain.getFrameId(arm.flange, pin.FrameType.BODY)]
+    plain.appendBodyToJoint(flange.parentJoint, inertia, flange.placement)
+    random = np.random.default_rng(1)
+    q = random.uniform(model.lowerPositionLimit, model.upperPositionLimit)
+    v, a = random.normal(size=(2, model.nv))
+    expected = pin.rnea(plain, plain.createData(), q, v, a)
+    np.testing.assert_allclose(pin.rnea(model, model.createData(), q, v, a), expected, atol=1e-9)
