@@ -303,7 +303,7 @@ def _stage(
     without = _ignored(problem, a, free, consecutive)
     rests = works.at_rest[k] and (before is None or works.at_rest[previous])
     pairs = Pairs(arm.table_at_rest if rests else arm.table, origin, stop.approach, without)
-    by_cells = pairs.by_cells(stop.least, cells)
+    by_cells = pairs.by_cells(stop.least, stop.from_target(0.0, cells))
     return _Stage(
         pairs, consecutive, stop, by_cells if consecutive else np.tile(by_cells[0], (cells, 1))
     )
@@ -321,6 +321,7 @@ def _least_from(
     for times in others:
         np.maximum(floor, times if stage.consecutive else times.min(axis=0), out=floor)
     if stage.pairs is not None:
-        return stage.pairs.least_from(work_and_rest, floor, beyond)
+        from_target = stage.work.from_target(arm.remaining, len(floor))
+        return stage.pairs.least_from(work_and_rest, from_target, floor, beyond)
     totals = np.maximum(work_and_rest, floor.min(axis=0)[stage.work.approach.index] + beyond)
     return np.full(1 if before is None else len(before.retract.index), totals.min())

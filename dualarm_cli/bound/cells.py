@@ -11,7 +11,7 @@ from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.posture_source import PostureSource
 from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells
 from dualarm_cli.records import dataclass
 
@@ -36,11 +36,24 @@ class Cells:
     """Upper ends of joints and, last, platform angle [rad], shape (n, joints + 1)."""
     line: FloatArray
     """Least time of the line at each cell [s], shape (n,)."""
+    back: FloatArray | None = None
+    """Least times from turning back after a rise, and after a fall, to the target [s], shape (n, 2, joints).
+
+    For joints that must fall or rise on the line, else 0. They hold for lines that take less than `late`.
+    """
+    late: FloatArray | None = None
+    """Least time of lines for which `back` need not hold [s], shape (n,)."""
 
     def take(self, rows: IntArray) -> Cells:
         """Select cells by their rows."""
         return Cells(
-            self.index[rows], self.kind[rows], self.low[rows], self.high[rows], self.line[rows]
+            self.index[rows],
+            self.kind[rows],
+            self.low[rows],
+            self.high[rows],
+            self.line[rows],
+            None if self.back is None else self.back[rows],
+            None if self.late is None else self.late[rows],
         )
 
     @classmethod
@@ -50,8 +63,10 @@ class Cells:
             np.concatenate([part.index for part in parts]),
             np.concatenate([part.kind + 8 * k for k, part in enumerate(parts)]),
             *(
-                np.concatenate([getattr(part, name) for part in parts])
-                for name in ("low", "high", "line")
+                None
+                if any(getattr(part, name) is None for part in parts)
+                else np.concatenate([getattr(part, name) for part in parts])
+                for name in ("low", "high", "line", "back", "late")
             ),
         )
         return every.take(np.lexsort((every.kind, every.index)))
@@ -105,6 +120,9 @@ def pose_cells(
     (v_i + v_k) for v, v_i >= v_k: never less than |v|, and its rates are scaled down). So the tool's timing along the
     line does not matter. Our own derivation.
 
+    Where tools pass the outer end in motion, the displacements of all triples that take less than `late` beyond the
+    least are enclosed as well, with their signs: they tell which joints turn back (`PassingLaw`).
+
     Args:
         arm: kinematics in the carried frame.
         flange: its rotation, shape (3, 3), and position [m], shape (3,), in the carried frame at platform angle zero.
@@ -117,15 +135,21 @@ def pose_cells(
         return free_cells(arm, np.zeros(1))  # an empty cover
     finer = resolution.finer
     floor = np.zeros(len(intervals.index)) if line is None else line.floor(intervals)
-    cells = compiled.posture_cells(
+    passing = line.law if line is not None and isinstance(line.law, PassingLaw) else None
+    late = 0.0 if passing is None else resolution.late
+    *cells, least, most = compiled.posture_cells(
         arm.numbers,
         flange,
-        None if line is None else (line.target, *line.law.time_table),
+        None if line is None else (line.target, *line.law.time_table, late),
         (intervals.index // finer, intervals.low, intervals.high, floor),
         (resolution.arm_angles, finer),
         free_last,
     )
-    return Cells(*cells)
+    if passing is None:
+        return Cells(*cells)
+    ways = np.maximum(np.stack([-most, least], axis=1), 0.0)
+    back = passing.from_turn(ways.reshape(-1, 7)).reshape(ways.shape)
+    return Cells(*cells, back, cells[-1] + late)
 
 
 def finer_edges(edges: FloatArray, finer: int) -> FloatArray:

@@ -99,6 +99,19 @@ class StopWork:
         """Least work from each approach cell over all retract cells [s], shape (n,)."""
         return self.with_rest(np.zeros(len(self.retract.index), dtype=np.float32))[0]
 
+    def from_target(self, rest: Times | float, cells: int) -> Times:
+        """Compute the least dwell, retract and rest by platform cell [s], shape (g,).
+
+        Args:
+            rest: time that follows from each retract cell [s].
+            cells: number g of platform cells.
+        """
+        present, first = np.unique(self.retract.index, return_index=True)
+        least = np.full(cells, np.inf, dtype=np.float32)
+        times = self.retract.line + np.float32(self.dwell) + rest
+        least[present] = np.minimum.reduceat(times.astype(np.float32), first)
+        return least
+
     def with_rest(self, rest: Times) -> tuple[Times, Times]:
         """Compute the least work plus rest, and the least rest, per approach cell.
 
@@ -210,7 +223,14 @@ class StopCells:
 def _boxes(table: TransferTable, cells: Cells, columns: int) -> PostureBoxes:
     """Round cells to steps of a table."""
     low, high = table.box(cells.low[:, :columns], cells.high[:, :columns])
-    return PostureBoxes(cells.index, cells.kind, low, high, cells.line.astype(np.float32))
+    line = cells.line.astype(np.float32)
+    if cells.back is None or cells.late is None:
+        return PostureBoxes(cells.index, cells.kind, low, high, line)
+    back = np.zeros((2, columns, len(line)), dtype=np.float32)
+    back[:, : cells.back.shape[2]] = cells.back.transpose(1, 2, 0)
+    return PostureBoxes(
+        cells.index, cells.kind, low, high, line, back, cells.late.astype(np.float32)
+    )
 
 
 def _ends_within_reach(

@@ -28,14 +28,19 @@ class _Intervals(ctypes.Structure):
 class _LineLaw(ctypes.Structure):
     """Least times of joints on lines: `LineLaw` in C."""
 
-    _fields_ = (("time", _pointer), ("steps_per_rad", ctypes.c_double), ("steps", _int64))
+    _fields_ = (
+        ("time", _pointer),
+        ("steps_per_rad", ctypes.c_double),
+        ("steps", _int64),
+        ("late", ctypes.c_double),
+    )
 
 
 class _Cells(ctypes.Structure):
     """Output cells: `Cells` in C."""
 
     _fields_ = (
-        *((name, _pointer) for name in ("cell", "branch", "low", "high", "line")),
+        *((name, _pointer) for name in ("cell", "branch", "low", "high", "line", "least", "most")),
         ("capacity", _int64),
         ("count", _int64),
     )
@@ -44,17 +49,18 @@ class _Cells(ctypes.Structure):
 def posture_cells(
     arm: FloatArray,
     pose: tuple[FloatArray, FloatArray],
-    line: tuple[FloatArray, float, NDArray[np.float32]] | None,
+    line: tuple[FloatArray, float, NDArray[np.float32], float] | None,
     intervals: tuple[IntArray, FloatArray, FloatArray, FloatArray],
     circle: tuple[int, int],
     free_last: bool,
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute n cells around all postures, ordered by platform cell, branch and part of the circle.
 
     Args:
         arm: `SrsArm.numbers`.
         pose: flange rotation, (3, 3), and position [m], (3,), in the carried frame at platform angle zero.
-        line: flange position at the other end of the line [m], (3,), and `RestToRest.time_table`; None without a line.
+        line: flange position at the other end of the line [m], (3,), `RestToRest.time_table`, and the time beyond the
+            least up to which displacements are enclosed [s]; None without a line.
         intervals: platform cells of c intervals of the platform angle, ascending, their starts and ends [rad], and
             lower bounds of the line's time [s], shape (c,) each.
         circle: number of parts of the circle of arm angles, and of fine cells per part.
@@ -62,14 +68,20 @@ def posture_cells(
 
     Returns:
         Platform cells and branches, shape (n,) each; lowest and highest joints, and platform angle [rad], shape
-        (n, 8) each; least times of the line [s], shape (n,).
+        (n, 8) each; least times of the line [s], shape (n,); least and greatest displacements of the joints on the line
+        [rad], infinite where unknown, (n, 7) each.
 
     Raises:
         MemoryError: out of memory.
     """
-    target, steps_per_rad, times = line or (pose[1], 1.0, np.zeros((7, 0), dtype=np.float32))
+    target, steps_per_rad, times, late = line or (
+        pose[1],
+        1.0,
+        np.zeros((7, 0), dtype=np.float32),
+        0.0,
+    )
     geometry = [numbers(x) for x in (arm, *pose, target)]
-    law = _LineLaw(pointer(times), steps_per_rad, times.shape[1])
+    law = _LineLaw(pointer(times), steps_per_rad, times.shape[1], late)
     held = whole(intervals[0]), *map(numbers, intervals[1:])
     platform = _Intervals(*map(pointer, held), len(held[0]))
     parts = *map(_int64, circle), _int64(free_last)
@@ -77,7 +89,8 @@ def posture_cells(
     while True:
         index, branch = (np.empty(capacity, dtype=np.int64) for _ in range(2))
         low, high, least = np.empty((capacity, 8)), np.empty((capacity, 8)), np.empty(capacity)
-        arrays = (index, branch, low, high, least)
+        shifts = np.empty((2, capacity, 7))
+        arrays = (index, branch, low, high, least, *shifts)
         cells = _Cells(*map(pointer, arrays), capacity, 0)
         call = *map(pointer, geometry), byref(law), byref(platform), *parts, byref(cells)
         if library().posture_cells(*call):

@@ -90,6 +90,39 @@ class CellRuns(PointerStruct):
         return structure
 
 
+class Turns(PointerStruct):
+    """Joints that turn back between transfer and approach: `Turns` in C."""
+
+    _fields_ = (
+        *((name, _pointer) for name in ("back", "late", "ramp", "after")),
+        ("coordinates", _int64),
+        ("step", ctypes.c_float),
+    )
+
+    @classmethod
+    def of(
+        cls,
+        back: NDArray[np.float32],
+        late: NDArray[np.float32],
+        ramp: NDArray[np.float32],
+        after: NDArray[np.float32],
+        step: float,
+    ) -> Turns:
+        """Build the structure of n cells in c coordinates.
+
+        Args:
+            back: least times from turning back after a rise, and after a fall, to the target [s], 0 for none,
+                shape (2, c, n).
+            late: least times of approaches for which these need not hold [s], shape (n,).
+            ramp: least times from full speed to zero [s], 0 for coordinates that do not count, shape (c,).
+            after: least times from the target on by platform cell [s], shape (g,).
+            step: time of a table step at full speed [s].
+        """
+        structure = cls(*map(pointer, (back, late, ramp, after)), back.shape[1], step)
+        structure.held = back, late, ramp, after
+        return structure
+
+
 class LineEnds(PointerStruct):
     """Cells at one end of a stop's lines: `LineEnds` in C."""
 
@@ -219,6 +252,7 @@ def least_by_groups(
     after: CellRuns,
     work: NDArray[np.float32],
     least: NDArray[np.float32],
+    turns: Turns | None = None,
 ) -> None:
     """Lower `least` to the minima of transfer plus work for each pair of groups.
 
@@ -228,20 +262,21 @@ def least_by_groups(
         after: m cells at which they end.
         work: time added at each end [s], shape (m,).
         least: times [s], shape (g, g).
+        turns: joints that turn back before the ends; None for none.
 
     Raises:
         MemoryError: out of memory.
     """
     work = np.ascontiguousarray(work, dtype=np.float32)
-    arguments = byref(laws), byref(before), byref(after), pointer(work), _int64(len(least))
-    _check(library().least_by_groups(*arguments, pointer(least)))
+    arguments = byref(laws), byref(before), byref(after), pointer(work), turns and byref(turns)
+    _check(library().least_by_groups(*arguments, _int64(len(least)), pointer(least)))
 
 
 def least_from(
     laws: Laws,
     before: CellRuns,
     after: CellRuns,
-    arrival: NDArray[np.float32],
+    ends: tuple[NDArray[np.float32], Turns | None],
     floor: NDArray[np.float32],
     remaining: NDArray[np.float32],
 ) -> NDArray[np.float32]:
@@ -251,15 +286,18 @@ def least_from(
         laws: tables of times.
         before: n cells at which transfers begin.
         after: m cells at which they end.
-        arrival: time added to a transfer to each end [s], shape (m,).
+        ends: time added to a transfer to each end [s], shape (m,), and the joints that turn back before it, or None.
         floor: least stage time of each pair of groups [s], shape (g, g).
         remaining: time after the stage at each end [s], shape (m,).
 
     Raises:
         MemoryError: out of memory.
     """
+    arrival, turns = ends
     held = tuple(np.ascontiguousarray(x, dtype=np.float32) for x in (arrival, floor, remaining))
-    arguments = *map(byref, (laws, before, after)), *map(pointer, held), _int64(len(floor))
+    added, *others = map(pointer, held)
+    cells = *map(byref, (laws, before, after)), added, turns and byref(turns)
+    arguments = *cells, *others, _int64(len(floor))
     least = np.empty(before.cells.count, dtype=np.float32)
     _check(library().least_from(*arguments, pointer(least)))
     return least

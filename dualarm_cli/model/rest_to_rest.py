@@ -160,7 +160,10 @@ class PassingLaw(RestToRest):
       platform, which is at rest at both ends, takes its rest-to-rest time;
     - on a line joint j turns at most D_j(T) in time T after it leaves the target or before it arrives, forth and
       back added up: its acceleration is at most min(a, j t) after a time t, and so its speed at most the integral of
-      that, and v.
+      that, and v;
+    - a joint that rises on the transfer to an approach on which it falls turns back between, at a speed of zero and
+      above the begin of the approach. It takes at least `to_turn` until then, and `from_turn` to the target. Both
+      grow with the distance.
 
     The derivation is ours.
     """
@@ -173,6 +176,46 @@ class PassingLaw(RestToRest):
         """Build the passing law of joints with the limits of a rest-to-rest law."""
         velocity = np.asarray(law.velocity)
         return cls(velocity, AT_ONCE * velocity, np.full_like(velocity, np.inf), law)
+
+    @property
+    def ramp(self) -> FloatArray:
+        """Least time from full speed to zero [s], shape (n,).
+
+        From any motion over the distance d to a speed of zero takes at least d/v + ramp/2, or 2 sqrt(d ramp / 2v) where
+        full speed is not reached: the acceleration is a throughout.
+        """
+        return self.rest_law.velocity / self.rest_law.acceleration
+
+    @cached_property
+    def _from_turn_table(self) -> tuple[FloatArray, FloatArray]:
+        """Distances [rad] and least times [s] of `from_turn` by peak speed, shape (TABLE_STEPS, n) each."""
+        a, j = self.rest_law.acceleration, self.rest_law.jerk
+        peak = self.rest_law.velocity * np.square(np.linspace(0.0, 1.0, TABLE_STEPS))[:, None]
+        rise = a / j
+        time = np.where(peak >= a * rise, peak / a + rise, 2.0 * np.sqrt(peak / j))
+        full = peak > 0.5 * a * rise
+        rest = np.where(full, peak - 0.5 * a * rise, 0.0)
+        back = np.where(full, peak / a + 0.5 * rise, np.sqrt(2.0 * peak / j))
+        longer = peak * rise - a * np.square(rise) / 6.0 + np.square(rest) / (2.0 * a)
+        way = 0.5 * peak * time + np.where(full, longer, 2.0 / 3.0 * peak * back)
+        return readonly(way), readonly(time + back)
+
+    def from_turn(self, distance: FloatArray) -> FloatArray:
+        """Compute least times from speed zero, with any acceleration, to rest [s], shape (m, n).
+
+        With a peak speed w the speed u after a time t, from either end, rises at most at min(a, sqrt(2 j (w - u))), and
+        from rest at most at j t as well. That joins a ramp from rest to w and one without its last phase of jerk.
+
+        Args:
+            distance: distances [rad], 0 or more, shape (m, n).
+        """
+        way, time = self._from_turn_table
+        result = np.empty(distance.shape)
+        for k, x in enumerate(distance.T):
+            step = np.searchsorted(way[:, k], x, side="right") - 1
+            beyond = np.maximum(x - way[-1, k], 0.0) / self.rest_law.velocity[k]
+            result[:, k] = time[step, k] + beyond
+        return result
 
     def reachable_distance(self, duration: FloatArray) -> FloatArray:
         """Compute the largest rotation of each joint in given times from rest [rad].

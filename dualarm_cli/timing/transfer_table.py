@@ -12,6 +12,7 @@ from dualarm_cli.compiled.transfer_times import (
     CellRuns,
     Laws,
     LineEnds,
+    Turns,
     boxes,
     gap_times,
     least_by_groups,
@@ -19,7 +20,7 @@ from dualarm_cli.compiled.transfer_times import (
     least_work,
 )
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.records import dataclass
 
 SAME_LAW = 0.03
@@ -61,6 +62,10 @@ class TransferTable:
     """Middle of each joint's range [rad], shape (c,)."""
     classes: tuple[_Class, ...]
     """Joints by law."""
+    step: float
+    """Time of a step at full speed [s]."""
+    ramp: Times
+    """Least times from full speed to zero of joints that may turn back in motion [s], else 0, shape (c,)."""
     _laws: dict[tuple[int, ...], Laws] = field(default_factory=dict, compare=False, repr=False)
     """Table for the compiled functions, by excluded coordinates."""
 
@@ -100,7 +105,11 @@ class TransferTable:
                 _Class(tuple(same_law), law.duration(distance[:, None]).astype(np.float32))
             )
             remaining = [c for c in remaining if c not in same_law]
-        return cls(1.0 / (velocity * step), middle, tuple(classes))
+        ramps = [
+            law.ramp if isinstance(law, PassingLaw) else np.zeros_like(law.velocity) for law in laws
+        ]
+        ramp = np.concatenate(ramps).astype(np.float32)
+        return cls(1.0 / (velocity * step), middle, tuple(classes), step, ramp)
 
     def coordinates(self, joints: FloatArray) -> Coordinates:
         """Convert joints (n, c) [rad] to steps, coordinate first, shape (c, n)."""
@@ -191,6 +200,13 @@ class PostureBoxes:
     """Highest joint and platform values, shape (c, n)."""
     line: Times
     """Minimum time of the line at this end [s], shape (n,)."""
+    back: Times | None = None
+    """Minimum time from turning back after a rise, and after a fall, to the target [s], shape (2, c, n).
+
+    0 for joints that need not turn back. Lines that take `late` or longer need not, either.
+    """
+    late: Times | None = None
+    """Minimum time of a line for which `back` need not hold [s], shape (n,)."""
 
     def ends(self, groups: int) -> LineEnds:
         """Group the boxes by platform cell, as one end of lines."""
@@ -232,28 +248,39 @@ class Pairs:
     def _laws(self) -> Laws:
         return self.table.laws(self.without)
 
-    def by_cells(self, work: Times, cells: int) -> Times:
+    def _turns(self, after: Times) -> Turns | None:
+        """Prepare the joints that turn back at a transfer's end, given the time from the target on."""
+        back, late = self.after.back, self.after.late
+        if back is None or late is None or not self.table.ramp.any():
+            return None
+        return Turns.of(back, late, self.table.ramp, after, self.table.step)
+
+    def by_cells(self, work: Times, from_target: Times) -> Times:
         """Compute the minimum transfer plus work between platform cells [s], shape (g, g).
 
         A pair of platform cells without a transfer has an infinite sum.
 
         Args:
             work: minimum work of each cell at a transfer's end [s], shape (m,).
-            cells: number g of platform cells.
+            from_target: minimum work from the target on by platform cell [s], shape (g,).
         """
+        cells = len(from_target)
         least = np.full((cells, cells), np.inf, dtype=np.float32)
-        least_by_groups(self._laws, self.before.runs, self.after.runs, work, least)
+        turns = self._turns(from_target)
+        least_by_groups(self._laws, self.before.runs, self.after.runs, work, least, turns)
         return least
 
-    def least_from(self, arm_rest: Times, floor: Times, beyond: Times) -> Times:
+    def least_from(self, arm_rest: Times, from_target: Times, floor: Times, beyond: Times) -> Times:
         """Minimise max(transfer + arm_rest, floor + beyond) over each cell's pairs, shape (n,).
 
         Args:
             arm_rest: remaining time with the arm's own work, from each cell at a transfer's end [s], shape (m,).
+            from_target: remaining time from the target on by platform cell [s], shape (g,).
             floor: minimum duration of the stage for each pair of platform cells [s], shape (g, g).
             beyond: remaining time without it, from each cell at a transfer's end [s], shape (m,).
         """
-        return least_from(self._laws, self.before.runs, self.after.runs, arm_rest, floor, beyond)
+        ends = arm_rest, self._turns(from_target)
+        return least_from(self._laws, self.before.runs, self.after.runs, ends, floor, beyond)
 
     @cached_property
     def _line_ends(self) -> tuple[int, LineEnds, LineEnds]:

@@ -18,7 +18,7 @@ from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.model.job import Dwell, Job, JointTarget, Place, PoseTarget, Stop, Task
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.potentials import transfer_table
@@ -449,25 +449,60 @@ def _random_boxes(
 
 
 def test_pruned_pairs_give_the_minima_of_all_pairs() -> None:
-    """Random boxes, floors and work: both minima written out in full, bit by bit the same."""
+    """Random boxes, floors, work and turns: both minima written out in full, bit by bit the same but for turns."""
     random = np.random.default_rng(13)
     law = RestToRest(np.array([1.0, 2.0, 3.0]), np.array([4.0, 8.0, 3.0]), np.full(3, 60.0))
-    table = TransferTable.of([law], np.full(3, -3.0), np.full(3, 3.0))
-    for trial in range(6):
+    for trial in range(8):
+        own_law = PassingLaw.of(law) if trial % 4 == 3 else law
+        table = TransferTable.of([own_law], np.full(3, -3.0), np.full(3, 3.0))
         before, after = (_random_boxes(random, table, 5, n) for n in (300, 400))
+        back = random.choice([0.0, 0.3, 0.8], (2, 3, 400)).astype(np.float32)
+        late = random.uniform(0.0, 1.0, 400).astype(np.float32)
+        after = replace(after, back=back, late=late)
+        target = random.uniform(0.0, 1.0, 5).astype(np.float32)
         own, beyond = (random.uniform(0.0, 2.0, 400).astype(np.float32) for _ in range(2))
         own[random.random(400) < 0.1] = np.inf
         floor = random.uniform(0.0, 1.5, (5, 5)).astype(np.float32)
         without = (1,) if trial % 2 else ()
         times = table.gap_times(before.low, before.high, after.low, after.high, without)
         pairs = Pairs(table, before, after, without)
-        sums = np.maximum(times + own, floor[before.index][:, after.index] + beyond)
-        assert (pairs.least_from(own, floor, beyond) == sums.min(axis=1)).all()
-        by_cells = pairs.by_cells(own, 5)
+        arriving = times + own
+        if own_law is not law:
+            turned = _turns(table, before, after, [c for c in range(3) if c not in without])
+            arriving = np.maximum(arriving, np.minimum(turned, times + late) + target[after.index])
+            assert (arriving > times + own).mean() > 0.1
+        sums = np.maximum(arriving, floor[before.index][:, after.index] + beyond)
+        exact = 0.0 if own_law is law else 1e-6
+        least = pairs.least_from(own, target, floor, beyond)
+        assert least == pytest.approx(sums.min(axis=1), rel=exact, abs=0.0)
+        by_cells = pairs.by_cells(own, target)
         for i in range(5):
             for k in range(5):
-                some = (times + own)[np.ix_(before.index == i, after.index == k)]
-                assert by_cells[i, k] == some.min(initial=np.inf)
+                some = arriving[np.ix_(before.index == i, after.index == k)]
+                assert by_cells[i, k] == pytest.approx(some.min(initial=np.inf), rel=exact, abs=0.0)
+
+
+def _turns(
+    table: TransferTable, before: PostureBoxes, after: PostureBoxes, columns: list[int]
+) -> np.ndarray:
+    """Least times to the targets of joints that turn back [s]: constant acceleration from any motion, then `back`."""
+    velocity, acceleration = np.array([1.0, 2.0, 3.0]), np.array([4.0, 8.0, 3.0])
+    assert after.back is not None
+    least = np.zeros((len(before.index), len(after.index)))
+    for c in columns:
+        for back, gap in (
+            (after.back[0, c], after.low[c].astype(int) - before.high[c][:, None]),
+            (after.back[1, c], before.low[c][:, None].astype(int) - after.high[c]),
+        ):
+            way = np.maximum(gap - 1, 0) / table.scale[c]
+            full = np.square(velocity[c]) / (2.0 * acceleration[c])
+            out = np.where(
+                way < full,
+                np.sqrt(2.0 * way / acceleration[c]),
+                velocity[c] / acceleration[c] + (way - full) / velocity[c],
+            )
+            least = np.maximum(least, np.where((way > 0.0) & (back > 0.0), out + back, 0.0))
+    return least
 
 
 def test_a_stop_takes_its_lines_or_the_way_between_its_cells() -> None:
@@ -513,8 +548,10 @@ def test_a_stage_takes_what_other_arms_need_from_the_cell_before_or_from_any(kno
     """
     random, asked = np.random.default_rng(14), []
     others = [random.uniform(0.0, 2.0, (4, 4)).astype(np.float32) for _ in range(2)]
-    work = SimpleNamespace(with_rest=lambda more: (more, more))
-    pairs = SimpleNamespace(least_from=lambda own, floor, beyond: asked.append(floor))
+    work = SimpleNamespace(
+        with_rest=lambda more: (more, more), from_target=lambda more, cells: more
+    )
+    pairs = SimpleNamespace(least_from=lambda own, target, floor, beyond: asked.append(floor))
     stage = bound_pairs._Stage(pairs, known, work, np.zeros((4, 4), dtype=np.float32))
     told = np.empty((4, 4), dtype=np.float32)
     for before in range(4):

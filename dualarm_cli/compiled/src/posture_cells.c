@@ -32,6 +32,7 @@ typedef struct {
     int64_t *cell, *branch;
     double *low, *high; /* joints, then platform angle [rad], (capacity, 8) */
     double *line;       /* least time of the line [s] */
+    double *least, *most; /* displacements of the joints on the line [rad], (capacity, 7) */
     int64_t capacity, count;
 } Cells;
 
@@ -157,7 +158,8 @@ static void enclose_turns(Enclosures *enclosures, const Box *box, int branch, in
 }
 
 /* Append the enclosures to the output, in order of their turns. */
-static void append_cells(const Enclosures *enclosures, int64_t cell, int branch, double line, Cells *cells)
+static void append_cells(const Enclosures *enclosures, int64_t cell, int branch, double line,
+                         const Displacements *displacements, Cells *cells)
 {
     int order[MAX_VARIANTS];
     for (int i = 0; i < enclosures->count; i++) {
@@ -173,6 +175,12 @@ static void append_cells(const Enclosures *enclosures, int64_t cell, int branch,
         cells->cell[n] = cell;
         cells->branch[n] = branch;
         cells->line[n] = line;
+        for (int j = 0; j < JOINTS; j++) {
+            /* Joints 2, 4 and 6 turn the other way in the flipped branch. */
+            const int mirrored = j % 2 && flips(j, branch);
+            cells->least[JOINTS * n + j] = mirrored ? -displacements->high[j] : displacements->low[j];
+            cells->most[JOINTS * n + j] = mirrored ? -displacements->low[j] : displacements->high[j];
+        }
         for (int j = 0; j <= JOINTS; j++) {
             cells->low[(JOINTS + 1) * n + j] = enclosures->low[order[i]][j];
             cells->high[(JOINTS + 1) * n + j] = enclosures->high[order[i]][j];
@@ -227,12 +235,18 @@ int posture_cells(const Arm *arm, const double *R, const double *p, const double
     Circle circle[2];
     Box *box = malloc(sizeof(Box) * (size_t)(max_intervals * fine));
     double *line_time = malloc(sizeof(double) * (size_t)parts);
+    Displacements *displacements = malloc(sizeof(Displacements) * (size_t)parts);
     Enclosures *enclosures = malloc(sizeof(Enclosures));
-    int failed = !allocate_circles(fine, circle) || !box || !line_time || !enclosures;
+    int failed = !allocate_circles(fine, circle) || !box || !line_time || !displacements || !enclosures;
     cells->count = 0;
     for (int64_t first = 0, end; !failed && first < intervals->count; first = end) {
-        for (int64_t part = 0; part < parts; part++)
+        for (int64_t part = 0; part < parts; part++) {
             line_time[part] = law->steps ? INFINITY : 0.0;
+            for (int joint = 0; joint < JOINTS; joint++) {
+                displacements[part].low[joint] = law->late > 0.0 ? INFINITY : -INFINITY;
+                displacements[part].high[joint] = -displacements[part].low[joint];
+            }
+        }
         for (end = first; end < intervals->count && intervals->cell[end] == intervals->cell[first]; end++) {
             const double low = intervals->low[end], high = intervals->high[end];
             compute_circle(arm, R, p, low, high, circle);
@@ -243,7 +257,7 @@ int posture_cells(const Arm *arm, const double *R, const double *p, const double
             for (int64_t k = 0; k < fine; k++)
                 circle->needs_line[k] = has_possible_branch(box + (end - first) * fine + k);
             failed |= lower_line_times(law, (int)free_last, circle, circle + 1, refinement, intervals->line[end],
-                                       line_time);
+                                       line_time, displacements);
         }
         for (int branch = 0; branch < BRANCHES; branch++)
             for (int64_t part = 0; part < parts; part++) {
@@ -257,7 +271,7 @@ int posture_cells(const Arm *arm, const double *R, const double *p, const double
                         if (is_possible(fine_box, branch))
                             enclose_turns(enclosures, fine_box, branch, 0, low, high);
                     }
-                append_cells(enclosures, intervals->cell[first], branch, line_time[part], cells);
+                append_cells(enclosures, intervals->cell[first], branch, line_time[part], displacements + part, cells);
             }
     }
     for (int k = 0; k < 2; k++) {
@@ -268,6 +282,7 @@ int posture_cells(const Arm *arm, const double *R, const double *p, const double
     }
     free(box);
     free(line_time);
+    free(displacements);
     free(enclosures);
     return failed;
 }

@@ -10,7 +10,7 @@
 #include "posture_lines.h"
 
 /* Bisections of the differences within a part. */
-enum { BISECTIONS = 4 };
+enum { BISECTIONS = 4, DISPLACEMENT_BISECTIONS = 3 };
 
 /* Positions of a joint over one part where the line starts, or over two neighbouring parts at the target.
 
@@ -148,8 +148,8 @@ typedef struct {
     double best; /* least time so far [s] */
 } Search;
 
-/* Compute the least time of a joint over an interval of the differences of the arm angle [s]. */
-static double gap_time(const Search *search, int joint, double begin, double end)
+/* Enclose the displacements of a joint over an interval of the differences of the arm angle. */
+static Span gap_span(const Search *search, int joint, double begin, double end)
 {
     const Gap *gap = search->gap + joint;
     double low = INFINITY, high = -INFINITY;
@@ -159,22 +159,36 @@ static double gap_time(const Search *search, int joint, double begin, double end
         low = lower < low ? lower : low;
         high = upper > high ? upper : high;
     }
-    return travel_time(search->law, joint, distance_from_turns(low - gap->below, high + gap->above));
+    return (Span){low - gap->below, high + gap->above};
+}
+
+/* Compute the least time of a joint over an interval of the differences of the arm angle [s]. */
+static double gap_time(const Search *search, int joint, double begin, double end)
+{
+    const Span gap = gap_span(search, joint, begin, end);
+    return travel_time(search->law, joint, distance_from_turns(gap.low, gap.high));
+}
+
+/* Enclose the displacements of a joint between spans, optionally to its flipped value at the target. */
+static Span span_gap(const Search *search, int joint, const Span *span, int flipped)
+{
+    const Span a = search->span[joint], b = span[joint];
+    double low = b.low - a.high, high = b.high - a.low;
+    if (flipped && joint % 2) {
+        low = -a.high - b.high;
+        high = -a.low - b.low;
+    } else if (flipped) {
+        low += PI;
+        high += PI;
+    }
+    return (Span){low, high};
 }
 
 /* Compute the least time of a joint between spans, optionally with its flipped value at the target [s]. */
 static double span_time(const Search *search, int joint, const Span *span, int flipped)
 {
-    const Span a = search->span[joint], b = span[joint];
-    double low = b.low - a.high, high = b.high - a.low;
-    if (flipped && joint % 2) {
-        low = a.low + b.low;
-        high = a.high + b.high;
-    } else if (flipped) {
-        low += PI;
-        high += PI;
-    }
-    return travel_time(search->law, joint, distance_from_turns(low, high));
+    const Span gap = span_gap(search, joint, span, flipped);
+    return travel_time(search->law, joint, distance_from_turns(gap.low, gap.high));
 }
 
 /* Compute the least time of a triple between spans, stopping at the best time so far [s]. */
@@ -230,8 +244,8 @@ static void lower_best(Search *search, double begin, double end, int bisections)
     }
 }
 
-/* Lower the best time to that of one part at the target. */
-static void search_part(Search *search, const Arc *arc, const Course *target)
+/* Compare the parts at both ends: gaps of all joints, and times between spans. */
+static void compare_part(Search *search, const Arc *arc, const Course *target)
 {
     search->bend = span_time(search, 3, arc->span, 0);
     for (int triple = 0; triple < 2; triple++) {
@@ -240,6 +254,12 @@ static void search_part(Search *search, const Arc *arc, const Course *target)
     }
     for (int joint = 0; joint < JOINTS; joint++)
         search->gap[joint] = compute_gap(search->h, search->from + joint, target + arc->begin * JOINTS + joint);
+}
+
+/* Lower the best time to that of one part at the target. */
+static void search_part(Search *search, const Arc *arc, const Course *target)
+{
+    compare_part(search, arc, target);
     if (interval_time(search, 0.0, 1.0) < search->best)
         lower_best(search, 0.0, 1.0, BISECTIONS);
 }
@@ -258,8 +278,95 @@ static int64_t search_arc(Search *search, const Arc *arc, int64_t index, const C
     return search->best < before ? arc[index].begin : best_part;
 }
 
+/* Enclose displacements of a joint on lines faster than the best time: less than half a turn. */
+static Span within_half_turn(const Search *search, int joint, Span gap)
+{
+    const double shift = TURN * nearbyint(0.5 * (gap.low + gap.high) / TURN);
+    const Span moved = {gap.low - shift, gap.high - shift};
+    const int is_sure = moved.low > -PI && moved.high < PI && travel_time(search->law, joint, PI) >= search->best;
+    return is_sure ? moved : (Span){-INFINITY, INFINITY};
+}
+
+/* Enlarge the displacements of a joint; return whether they tell less than before.
+
+   They tell whether the joint must rise or fall. */
+static int enlarge(Displacements *displacements, int joint, Span gap, int only_compare)
+{
+    double *low = displacements->low + joint, *high = displacements->high + joint;
+    const int grows = !(*low <= 0.0 && *high >= 0.0) && (gap.low < *low || gap.high > *high);
+    if (grows && !only_compare) {
+        *low = fmin(*low, gap.low);
+        *high = fmax(*high, gap.high);
+    }
+    return grows;
+}
+
+/* Enlarge the displacements by those of an interval of the differences, or only check whether that changes them. */
+static int add_whole(const Search *search, const Span *span, double begin, double end, Displacements *displacements,
+                     int only_compare)
+{
+    int grows = 0;
+    for (int joint = 0; joint < JOINTS; joint++)
+        grows |= enlarge(displacements, joint, within_half_turn(search, joint, gap_span(search, joint, begin, end)),
+                         only_compare);
+    for (int triple = 0; triple < 2; triple++)
+        for (int i = 0; i < 3 && search->flipped[triple] < search->best; i++) {
+            const int joint = JOINT[triple][i];
+            grows |= enlarge(displacements, joint, within_half_turn(search, joint, span_gap(search, joint, span, 1)),
+                             only_compare);
+        }
+    return grows;
+}
+
+/* Enlarge the displacements by those of an interval of the differences, bisected where they grow. */
+static void add_interval(Search *search, const Span *span, double begin, double end, int bisections,
+                         Displacements *displacements)
+{
+    if (interval_time(search, begin, end) >= search->best || !add_whole(search, span, begin, end, displacements, 1))
+        return;
+    if (!bisections) {
+        add_whole(search, span, begin, end, displacements, 0);
+        return;
+    }
+    const double middle = 0.5 * (begin + end);
+    add_interval(search, span, begin, middle, bisections - 1, displacements);
+    add_interval(search, span, middle, end, bisections - 1, displacements);
+}
+
+/* Check whether displacements tell of a joint that it must rise or fall. */
+static int tells(const Displacements *displacements)
+{
+    int telling = 0;
+    for (int joint = 0; joint < JOINTS; joint++)
+        telling |= displacements->low[joint] > 0.0 || displacements->high[joint] < 0.0;
+    return telling;
+}
+
+/* Enlarge the displacements by those of the lines to an arc that are faster than the best time. */
+static void add_arc(Search *search, const Arc *arc, int64_t index, const Course *target, Displacements *displacements)
+{
+    if (!tells(displacements) || is_excluded(search, arc[index].span))
+        return;
+    if (arc[index].child) {
+        add_arc(search, arc, arc[index].child, target, displacements);
+        add_arc(search, arc, arc[index].child + 1, target, displacements);
+        return;
+    }
+    compare_part(search, arc + index, target);
+    add_interval(search, arc[index].span, 0.0, 1.0, DISPLACEMENT_BISECTIONS, displacements);
+}
+
+/* Forget the displacements of the joints from `first` on. */
+static void forget(Displacements *displacements, int first)
+{
+    for (int joint = first; joint < JOINTS; joint++) {
+        displacements->low[joint] = -INFINITY;
+        displacements->high[joint] = INFINITY;
+    }
+}
+
 int lower_line_times(const LineLaw *law, int free_last, const Circle *from, const Circle *to, int64_t refinement,
-                     double floor, double *line)
+                     double floor, double *line, Displacements *displacements)
 {
     const int64_t parts = from->parts;
     Course *course = malloc(sizeof(Course) * (size_t)(2 * parts * JOINTS)), *target = course + parts * JOINTS;
@@ -283,15 +390,30 @@ int lower_line_times(const LineLaw *law, int free_last, const Circle *from, cons
         /* The best difference of the previous part is a good initial guess. */
         const int64_t guess = (best_part + 1) % parts;
         best_part = guess;
-        if (!from->needs_line[k] || floor >= line[k / refinement])
+        if (!from->needs_line[k])
             continue;
+        Displacements *enclosed = displacements + k / refinement;
+        if (floor >= line[k / refinement]) {
+            forget(enclosed, 0);
+            continue;
+        }
         search.from = course + k * JOINTS;
         search.span = from->span + k * JOINTS;
         /* The flipped value of joint 4 at the target bounds the time from above. */
-        search.best = fmin(line[k / refinement], span_time(&search, 3, arc->span, 1));
+        const double flipped = span_time(&search, 3, arc->span, 1);
+        search.best = fmin(line[k / refinement], flipped);
         search_arc(&search, arc, single[guess], target, guess);
         best_part = search_arc(&search, arc, 0, target, guess);
         line[k / refinement] = fmax(search.best, floor);
+        if (law->late == 0.0)
+            continue;
+        search.best = line[k / refinement] + law->late;
+        if (flipped < search.best)
+            forget(enclosed, 0);
+        else
+            add_arc(&search, arc, 0, target, enclosed);
+        if (free_last)
+            forget(enclosed, JOINTS - 1);
     }
     free(course);
     free(arc);

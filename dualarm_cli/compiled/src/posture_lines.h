@@ -12,7 +12,13 @@ typedef struct {
     const float *time;    /* [s], (joints, steps) */
     double steps_per_rad; /* resolution of the distance */
     int64_t steps;
+    double late; /* time beyond the least up to which displacements are enclosed [s]; 0 to leave them out */
 } LineLaw;
+
+/* Displacements of the joints on lines to the target [rad]; unbounded where they are unknown. */
+typedef struct {
+    double low[JOINTS], high[JOINTS];
+} Displacements;
 
 /* Cells around the circle of arm angles, over an interval of the platform angle, at one end of a line. */
 typedef struct {
@@ -26,9 +32,10 @@ typedef struct {
 
 /* Lower line times to the least times from the required cells to any posture at the target, down to a floor [s].
 
-   refinement: number of consecutive cells with a common time. line: times, (parts / refinement,).
-   Returns 0, or 1 if out of memory. */
+   refinement: number of consecutive cells with a common time. line: times, (parts / refinement,). displacements:
+   enlarged by those of all lines that take less than `late` longer, (parts / refinement,). Returns 0, or 1 if out of
+   memory. */
 int lower_line_times(const LineLaw *law, int free_last, const Circle *from, const Circle *to, int64_t refinement,
-                     double floor, double *line);
+                     double floor, double *line, Displacements *displacements);
 
 #endif

@@ -207,16 +207,59 @@ int least_work(const Laws *laws, const LineEnds *approach, const LineEnds *retra
     return 0;
 }
 
+/* Joints that turn back between a transfer and the approach after it; method: `model/rest_to_rest.py`. */
+typedef struct {
+    const float *back;  /* least time from turning back after a rise, and after a fall, to the target [s], 0 for none,
+                           (2, coordinates, count) */
+    const float *late;  /* least time of an approach for which `back` need not hold [s], (count,) */
+    const float *ramp;  /* least time from full speed to zero, 0 for coordinates that do not count, (coordinates,) */
+    const float *after; /* least time from the target on by platform cell [s], (groups,) */
+    int64_t coordinates;
+    float step;         /* time of a table step at full speed [s] */
+} Turns;
+
+/* Raise the totals of transfers from cell i to `count` cells from `begin` on by joints that turn back, at most TILE.
+
+   time: of the transfers. total: with all that follows. */
+static void raise_by_turns(const Laws *laws, const Turns *turns, Boxes from, int64_t i, Boxes to, int64_t begin,
+                           int64_t count, float after, const float *time, float *total)
+{
+    float turning[TILE];
+    for (int64_t j = 0; j < count; j++)
+        turning[j] = 0.0F;
+    for (int32_t c = 0; c < laws->end[laws->classes - 1]; c++) {
+        const int64_t column = laws->column[c];
+        const float ramp = turns->ramp[column];
+        for (int fall = 0; fall < 2 && ramp > 0.0F; fall++) {
+            const int16_t here = fall ? from.low[column * from.count + i] : from.high[column * from.count + i];
+            const int16_t *goal = (fall ? to.high : to.low) + column * to.count + begin;
+            const float *back = turns->back + (column + fall * turns->coordinates) * to.count + begin;
+            for (int64_t j = 0; j < count; j++) {
+                const int gap = (fall ? here - goal[j] : goal[j] - here) - 1;
+                const float way = gap > 0 ? (float)gap * turns->step : 0.0F;
+                const float out = way > 0.5F * ramp ? way + 0.5F * ramp : sqrtf(2.0F * ramp * way);
+                const float turned = gap > 0 && back[j] > 0.0F ? out + back[j] : 0.0F;
+                turning[j] = turned > turning[j] ? turned : turning[j];
+            }
+        }
+    }
+    for (int64_t j = 0; j < count; j++) {
+        const float late = time[j] + turns->late[begin + j];
+        const float least = (turning[j] < late ? turning[j] : late) + after;
+        total[j] = least > total[j] ? least : total[j];
+    }
+}
+
 /* Lower the least time of each pair of groups to that of the transfers between their cells including work.
 
-   work: time added at each cell of `to`, (to->cells.count,). least: (groups, groups).
+   work: time added at each cell of `to`, (to->cells.count,). turns: NULL for none. least: (groups, groups).
    Returns 0, or 1 if out of memory. */
-int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *work, int64_t groups,
-                    float *least)
+int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *work, const Turns *turns,
+                    int64_t groups, float *least)
 {
     const int64_t goals = to->runs.count;
     Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(goals + 1));
-    float *bound = malloc(sizeof(float) * (size_t)(2 * goals + 1)), *least_work = bound + goals, time[TILE];
+    float *bound = malloc(sizeof(float) * (size_t)(2 * goals + 1)), *least_work = bound + goals, time[TILE], total[TILE];
     if (!candidates || !bound) {
         free(candidates);
         free(bound);
@@ -240,10 +283,13 @@ int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, 
             float *pair_best = best + to->group[begin];
             for (int64_t i = from->first[run]; i < from->first[run + 1] && candidates[p].bound < *pair_best; i++) {
                 compute_row(laws, from->cells, i, to->cells, begin, count, time);
-                for (int64_t j = 0; j < count; j++) {
-                    const float sum = time[j] + work[begin + j];
-                    *pair_best = sum < *pair_best ? sum : *pair_best;
-                }
+                for (int64_t j = 0; j < count; j++)
+                    total[j] = time[j] + work[begin + j];
+                if (turns && minimum(total, 0, count) < *pair_best)
+                    raise_by_turns(laws, turns, from->cells, i, to->cells, begin, count,
+                                   turns->after[to->group[begin]], time, total);
+                const float sum = minimum(total, 0, count);
+                *pair_best = sum < *pair_best ? sum : *pair_best;
             }
         }
     }
@@ -254,15 +300,15 @@ int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, 
 
 /* Minimise max(transfer + arrival, floor + remaining) over the cells of `to` for each cell of `from`.
 
-   arrival, remaining: times added at each cell of `to`, (to->cells.count,). floor: of each pair of groups,
-   (groups, groups). least: (from->cells.count,).
+   arrival, remaining: times added at each cell of `to`, (to->cells.count,). turns: NULL for none. floor: of each pair of
+   groups, (groups, groups). least: (from->cells.count,).
    Returns 0, or 1 if out of memory. */
-int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *arrival, const float *floor,
-               const float *remaining, int64_t groups, float *least)
+int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *arrival, const Turns *turns,
+               const float *floor, const float *remaining, int64_t groups, float *least)
 {
     const int64_t goals = to->runs.count;
     Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(goals + 1));
-    float *bound = malloc(sizeof(float) * (size_t)(3 * goals + 1)), time[TILE];
+    float *bound = malloc(sizeof(float) * (size_t)(3 * goals + 1)), time[TILE], total[TILE];
     float *least_arrival = bound + goals, *least_remaining = bound + 2 * goals;
     if (!candidates || !bound) {
         free(candidates);
@@ -297,9 +343,13 @@ int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const
                 compute_row(laws, from->cells, i, to->cells, goal, count, time);
                 for (int64_t j = 0; j < count; j++) {
                     const float arriving = time[j] + arrival[goal + j], waiting = pair_floor + remaining[goal + j];
-                    const float sum = arriving > waiting ? arriving : waiting;
-                    least[i] = sum < least[i] ? sum : least[i];
+                    total[j] = arriving > waiting ? arriving : waiting;
                 }
+                if (turns && minimum(total, 0, count) < least[i])
+                    raise_by_turns(laws, turns, from->cells, i, to->cells, goal, count,
+                                   turns->after[to->group[goal]], time, total);
+                const float sum = minimum(total, 0, count);
+                least[i] = sum < least[i] ? sum : least[i];
             }
             if (!improved)
                 break;
