@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import field
 
 import numpy as np
 
@@ -36,25 +37,18 @@ class Cells:
     """Upper ends of joints and, last, platform angle [rad], shape (n, joints + 1)."""
     line: FloatArray
     """Least time of the line at each cell [s], shape (n,)."""
-    back: FloatArray | None = None
-    """Least times from turning back after a rise, and after a fall, to the target [s], shape (n, 2, joints).
+    back: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 7)))
+    """Least times from a turn to the target [s], shape (n, 2, 7).
 
-    For joints that must fall or rise on the line, else 0. They hold for lines that take less than `late`.
+    Of joints that turn back after a rise, then after a fall; 0 for joints that need not fall or rise on the line. They hold for lines that take less than `Resolution.late`
+    beyond the least. Empty for lines from rest.
     """
-    late: FloatArray | None = None
-    """Least time of lines for which `back` need not hold [s], shape (n,)."""
 
     def take(self, rows: IntArray) -> Cells:
         """Select cells by their rows."""
-        return Cells(
-            self.index[rows],
-            self.kind[rows],
-            self.low[rows],
-            self.high[rows],
-            self.line[rows],
-            None if self.back is None else self.back[rows],
-            None if self.late is None else self.late[rows],
-        )
+        back = self.back[rows] if len(self.back) else self.back
+        low, high, line = self.low[rows], self.high[rows], self.line[rows]
+        return Cells(self.index[rows], self.kind[rows], low, high, line, back)
 
     @classmethod
     def joined(cls, parts: list[Cells]) -> Cells:
@@ -63,10 +57,8 @@ class Cells:
             np.concatenate([part.index for part in parts]),
             np.concatenate([part.kind + 8 * k for k, part in enumerate(parts)]),
             *(
-                None
-                if any(getattr(part, name) is None for part in parts)
-                else np.concatenate([getattr(part, name) for part in parts])
-                for name in ("low", "high", "line", "back", "late")
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("low", "high", "line", "back")
             ),
         )
         return every.take(np.lexsort((every.kind, every.index)))
@@ -137,7 +129,7 @@ def pose_cells(
     floor = np.zeros(len(intervals.index)) if line is None else line.floor(intervals)
     passing = line.law if line is not None and isinstance(line.law, PassingLaw) else None
     late = 0.0 if passing is None else resolution.late
-    *cells, least, most = compiled.posture_cells(
+    index, branch, low, high, times, least, most = compiled.posture_cells(
         arm.numbers,
         flange,
         None if line is None else (line.target, *line.law.time_table, late),
@@ -146,10 +138,10 @@ def pose_cells(
         free_last,
     )
     if passing is None:
-        return Cells(*cells)
-    ways = np.maximum(np.stack([-most, least], axis=1), 0.0)
-    back = passing.from_turn(ways.reshape(-1, 7)).reshape(ways.shape)
-    return Cells(*cells, back, cells[-1] + late)
+        return Cells(index, branch, low, high, times)
+    distances = np.maximum(np.stack([-most, least], axis=1), 0.0)
+    back = passing.from_turn(distances.reshape(-1, 7)).reshape(distances.shape)
+    return Cells(index, branch, low, high, times, back)
 
 
 def finer_edges(edges: FloatArray, finer: int) -> FloatArray:

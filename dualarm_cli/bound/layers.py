@@ -213,24 +213,23 @@ class StopCells:
                 if len(covers) == 1
                 else [Cells.joined([cover[end] for cover in covers]) for end in (0, 1)]
             )
-        approach = retract = _boxes(self.tables[a], ends[0], columns)
+        late = self.resolution.late
+        approach = retract = _boxes(self.tables[a], ends[0], columns, late)
         if ends[1] is not ends[0]:
-            retract = _boxes(self.tables[a], ends[1], columns)
+            retract = _boxes(self.tables[a], ends[1], columns, late)
         free = (work.joints - 1,) if reach.free_last else ()
         return StopWork(Pairs(self.tables[a], approach, retract, free), still, stop.dwell)
 
 
-def _boxes(table: TransferTable, cells: Cells, columns: int) -> PostureBoxes:
+def _boxes(table: TransferTable, cells: Cells, columns: int, late: float) -> PostureBoxes:
     """Round cells to steps of a table."""
     low, high = table.box(cells.low[:, :columns], cells.high[:, :columns])
     line = cells.line.astype(np.float32)
-    if cells.back is None or cells.late is None:
+    if not len(cells.back):
         return PostureBoxes(cells.index, cells.kind, low, high, line)
     back = np.zeros((2, columns, len(line)), dtype=np.float32)
-    back[:, : cells.back.shape[2]] = cells.back.transpose(1, 2, 0)
-    return PostureBoxes(
-        cells.index, cells.kind, low, high, line, back, cells.late.astype(np.float32)
-    )
+    back[:, :7] = cells.back.transpose(1, 2, 0)
+    return PostureBoxes(cells.index, cells.kind, low, high, line, back, late)
 
 
 def _ends_within_reach(

@@ -96,5 +96,5 @@ def posture_cells(
         if library().posture_cells(*call):
             raise MemoryError
         if cells.count <= capacity:
-            return tuple(x[: cells.count].copy() for x in arrays)  # type: ignore[return-value]
+            return tuple(x[: cells.count].copy() for x in arrays)
         capacity = cells.count

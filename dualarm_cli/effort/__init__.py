@@ -366,7 +366,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         search=SearchEffort(
             meshes=(COARSE,), trial_rounds=4, rounds=3, cycles_in_long=2, for_few=FINE
         ),
-        bound=Resolution(step=np.radians(10.0), arm_angles=16, finer=2),
+        bound=Resolution(step=np.radians(9.0), arm_angles=20, finer=2),
         hopeless_orders=4,
         section_orders=4,
         section_starts=4,
@@ -404,7 +404,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             begun=np.inf,
             spares=False,
         ),
-        bound=Resolution(step=np.radians(4.0), arm_angles=45, finer=2),
+        bound=Resolution(step=np.radians(3.0), arm_angles=60, finer=2),
         hopeless_orders=12,
         section_orders=24,
         section_starts=12,

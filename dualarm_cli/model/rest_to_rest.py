@@ -197,8 +197,8 @@ class PassingLaw(RestToRest):
         rest = np.where(full, peak - 0.5 * a * rise, 0.0)
         back = np.where(full, peak / a + 0.5 * rise, np.sqrt(2.0 * peak / j))
         longer = peak * rise - a * np.square(rise) / 6.0 + np.square(rest) / (2.0 * a)
-        way = 0.5 * peak * time + np.where(full, longer, 2.0 / 3.0 * peak * back)
-        return readonly(way), readonly(time + back)
+        distance_by_peak = 0.5 * peak * time + np.where(full, longer, 2.0 / 3.0 * peak * back)
+        return readonly(distance_by_peak), readonly(time + back)
 
     def from_turn(self, distance: FloatArray) -> FloatArray:
         """Compute least times from speed zero, with any acceleration, to rest [s], shape (m, n).
@@ -209,11 +209,11 @@ class PassingLaw(RestToRest):
         Args:
             distance: distances [rad], 0 or more, shape (m, n).
         """
-        way, time = self._from_turn_table
+        distance_by_peak, time = self._from_turn_table
         result = np.empty(distance.shape)
         for k, x in enumerate(distance.T):
-            step = np.searchsorted(way[:, k], x, side="right") - 1
-            beyond = np.maximum(x - way[-1, k], 0.0) / self.rest_law.velocity[k]
+            step = np.searchsorted(distance_by_peak[:, k], x, side="right") - 1
+            beyond = np.maximum(x - distance_by_peak[-1, k], 0.0) / self.rest_law.velocity[k]
             result[:, k] = time[step, k] + beyond
         return result
 

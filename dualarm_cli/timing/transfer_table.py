@@ -65,7 +65,10 @@ class TransferTable:
     step: float
     """Time of a step at full speed [s]."""
     ramp: Times
-    """Least times from full speed to zero of joints that may turn back in motion [s], else 0, shape (c,)."""
+    """Least times from full speed to zero [s], shape (c,).
+
+    0 for joints that do not turn back in motion.
+    """
     _laws: dict[tuple[int, ...], Laws] = field(default_factory=dict, compare=False, repr=False)
     """Table for the compiled functions, by excluded coordinates."""
 
@@ -201,12 +204,12 @@ class PostureBoxes:
     line: Times
     """Minimum time of the line at this end [s], shape (n,)."""
     back: Times | None = None
-    """Minimum time from turning back after a rise, and after a fall, to the target [s], shape (2, c, n).
+    """Minimum times from a turn to the target [s], shape (2, c, n).
 
-    0 for joints that need not turn back. Lines that take `late` or longer need not, either.
+    Of joints that turn back after a rise, then after a fall; 0 for joints that need not turn back. None if no line passes its outer end in motion.
     """
-    late: Times | None = None
-    """Minimum time of a line for which `back` need not hold [s], shape (n,)."""
+    late: float = 0.0
+    """Time beyond `line` from which on `back` need not hold [s]."""
 
     def ends(self, groups: int) -> LineEnds:
         """Group the boxes by platform cell, as one end of lines."""
@@ -249,10 +252,11 @@ class Pairs:
         return self.table.laws(self.without)
 
     def _turns(self, after: Times) -> Turns | None:
-        """Prepare the joints that turn back at a transfer's end, given the time from the target on."""
-        back, late = self.after.back, self.after.late
-        if back is None or late is None or not self.table.ramp.any():
+        """Prepare the joints that turn back for the compiled functions, or None."""
+        back = self.after.back
+        if back is None or not self.table.ramp.any():
             return None
+        late = self.after.line + np.float32(self.after.late)
         return Turns.of(back, late, self.table.ramp, after, self.table.step)
 
     def by_cells(self, work: Times, from_target: Times) -> Times:

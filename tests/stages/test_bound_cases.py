@@ -457,8 +457,8 @@ def test_pruned_pairs_give_the_minima_of_all_pairs() -> None:
         table = TransferTable.of([own_law], np.full(3, -3.0), np.full(3, 3.0))
         before, after = (_random_boxes(random, table, 5, n) for n in (300, 400))
         back = random.choice([0.0, 0.3, 0.8], (2, 3, 400)).astype(np.float32)
-        late = random.uniform(0.0, 1.0, 400).astype(np.float32)
-        after = replace(after, back=back, late=late)
+        line = random.uniform(0.0, 0.5, 400).astype(np.float32)
+        after = replace(after, back=back, line=line, late=0.25)
         target = random.uniform(0.0, 1.0, 5).astype(np.float32)
         own, beyond = (random.uniform(0.0, 2.0, 400).astype(np.float32) for _ in range(2))
         own[random.random(400) < 0.1] = np.inf
@@ -469,7 +469,9 @@ def test_pruned_pairs_give_the_minima_of_all_pairs() -> None:
         arriving = times + own
         if own_law is not law:
             turned = _turns(table, before, after, [c for c in range(3) if c not in without])
-            arriving = np.maximum(arriving, np.minimum(turned, times + late) + target[after.index])
+            arriving = np.maximum(
+                arriving, np.minimum(turned, times + line + 0.25) + target[after.index]
+            )
             assert (arriving > times + own).mean() > 0.1
         sums = np.maximum(arriving, floor[before.index][:, after.index] + beyond)
         exact = 0.0 if own_law is law else 1e-6
