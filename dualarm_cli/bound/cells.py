@@ -40,8 +40,8 @@ class Cells:
     back: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 7)))
     """Least times from a turn to the target [s], shape (n, 2, 7).
 
-    Of joints that turn back after a rise, then after a fall; 0 for joints that need not fall or rise on the line. They hold for lines that take less than `Resolution.late`
-    beyond the least. Empty for lines from rest.
+    Of joints that turn back after a rise, then after a fall; 0 for joints that need not fall or rise on the line.
+    They hold for lines that take less than `Resolution.late` beyond the least. Empty for lines from rest.
     """
 
     def take(self, rows: IntArray) -> Cells:

@@ -206,7 +206,8 @@ class PostureBoxes:
     back: Times | None = None
     """Minimum times from a turn to the target [s], shape (2, c, n).
 
-    Of joints that turn back after a rise, then after a fall; 0 for joints that need not turn back. None if no line passes its outer end in motion.
+    Of joints that turn back after a rise, then after a fall; 0 for joints that need not turn back. None if no line
+    passes its outer end in motion.
     """
     late: float = 0.0
     """Time beyond `line` from which on `back` need not hold [s]."""
