@@ -90,7 +90,7 @@ class CellRuns(PointerStruct):
         return structure
 
 
-class Turns(PointerStruct):
+class TurningJoints(PointerStruct):
     """Joints that turn back between transfer and approach: `Turns` in C."""
 
     _fields_ = (
@@ -107,7 +107,7 @@ class Turns(PointerStruct):
         ramp: NDArray[np.float32],
         after: NDArray[np.float32],
         step: float,
-    ) -> Turns:
+    ) -> TurningJoints:
         """Build the structure of n cells in c coordinates.
 
         Args:
@@ -252,7 +252,7 @@ def least_by_groups(
     after: CellRuns,
     work: NDArray[np.float32],
     least: NDArray[np.float32],
-    turns: Turns | None = None,
+    turns: TurningJoints | None = None,
 ) -> None:
     """Lower `least` to the minima of transfer plus work for each pair of groups.
 
@@ -276,7 +276,7 @@ def least_from(
     laws: Laws,
     before: CellRuns,
     after: CellRuns,
-    ends: tuple[NDArray[np.float32], Turns | None],
+    ends: tuple[NDArray[np.float32], TurningJoints | None],
     floor: NDArray[np.float32],
     remaining: NDArray[np.float32],
 ) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ from dualarm_cli.compiled.transfer_times import (
     CellRuns,
     Laws,
     LineEnds,
-    Turns,
+    TurningJoints,
     boxes,
     gap_times,
     least_by_groups,
@@ -252,13 +252,13 @@ class Pairs:
     def _laws(self) -> Laws:
         return self.table.laws(self.without)
 
-    def _turns(self, after: Times) -> Turns | None:
+    def _turns(self, after: Times) -> TurningJoints | None:
         """Prepare the joints that turn back for the compiled functions, or None."""
         back = self.after.back
         if back is None or not self.table.ramp.any():
             return None
         late = self.after.line + np.float32(self.after.late)
-        return Turns.of(back, late, self.table.ramp, after, self.table.step)
+        return TurningJoints.of(back, late, self.table.ramp, after, self.table.step)
 
     def by_cells(self, work: Times, from_target: Times) -> Times:
         """Compute the minimum transfer plus work between platform cells [s], shape (g, g).
