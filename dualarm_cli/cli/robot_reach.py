@@ -40,6 +40,13 @@ def reach_command(
         str | None,
         typer.Option("--step", help="Spacing of the points.", show_default="by the robot's size"),
     ] = None,
+    handover: Annotated[
+        str | None,
+        typer.Option(
+            "--handover",
+            help="Also find where both tools face each other, this far apart ('80 mm').",
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Picture to write (.png, .svg, .pdf).")
     ] = None,
@@ -53,18 +60,20 @@ def reach_command(
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.files.source.quantities import ANGLE, LENGTH
     from dualarm_cli.interface.reaching import reach, reach_cell
-    from dualarm_cli.report.reach import area_table, frame_table, reach_lines
+    from dualarm_cli.report.reach import area_table, frame_table, handover_lines, reach_lines
 
     if out is not None:
         refuse_plot(out, force, "--out")
     leaning = read_quantity("--tilt", tilt, ANGLE)
     spacing = None if step is None else read_quantity("--step", step, LENGTH)
     level = None if height is None else read_quantity("--height", height, LENGTH)
+    distance = None if handover is None else read_quantity("--handover", handover, LENGTH)
     cell, notes = reach_cell(robot)
     try:
-        document = reach(cell, height=level, tilt=leaning, step=spacing) | {"name": robot}
+        document = reach(cell, height=level, tilt=leaning, step=spacing, handover=distance)
     except UsageError as error:
         raise UsageError(f"--{error}") from None
+    document["name"] = robot
     if out is not None:
         from dualarm_cli.report.figures.platform_figure import draw_reach
 
@@ -81,5 +90,7 @@ def reach_command(
         if document["frames"]:
             console.print(frame_table(document))
         print_lines(console, *notes, *reach_lines(document))
+        if distance is not None:
+            print_lines(console, *handover_lines(document["handovers"], distance))
     if out is not None:
         print_message(f"written: {out}")

@@ -21,9 +21,10 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job
 from dualarm_cli.notes import Note, NoteTable
+from dualarm_cli.reachability.facing_tools import handover_poses
 from dualarm_cli.reachability.reach_map import reach_map
 from dualarm_cli.reachability.region import best_height, platform_positions, region
-from dualarm_cli.report.reach import reach_document
+from dualarm_cli.report.reach import handover_rows, reach_document
 from dualarm_cli.robot_import.contacts import bare_cell
 from dualarm_cli.robot_import.proposed_tool import with_tools
 
@@ -42,6 +43,7 @@ def reach(
     height: float | None = None,
     tilt: float = 0.0,
     step: float | None = None,
+    handover: float | None = None,
 ) -> dict[str, Any]:
     """Compute the reachable part of a table, as `dualarm robot reach --json`.
 
@@ -52,10 +54,11 @@ def reach(
         height: height of the tool centre point [m]; None for that of the cell's frames, else where most is reached.
         tilt: tilt of the tool from straight down, its tip outwards [rad].
         step: spacing of the points [m]; None for one by the robot's size.
+        handover: distance of the tool centre points of hand-overs [m]; None for no search of their poses.
 
     Raises:
         InputError: the file cannot be read.
-        UsageError: a height, tilt or spacing that is not allowed.
+        UsageError: a height, tilt, spacing or distance that is not allowed.
     """
     cell = robot.cell if isinstance(robot, Job) else robot
     cell = cell if isinstance(cell, Cell) else reach_cell(str(cell))[0]
@@ -66,6 +69,10 @@ def reach(
     if height is not None and not math.isfinite(height):
         raise UsageError(f"height {height:g} m: must be finite")
     here = region(cell)
+    if handover is not None and len(cell.robot.arms) < 2:
+        raise UsageError(f"handover: {cell.robot.name} has one arm only; a hand-over needs two")
+    if handover is not None and not 0.0 <= handover <= here.radius:
+        raise UsageError(f"handover {handover:g} m: must be from 0 to {here.radius:.3g} m")
     platform = platform_positions(cell)
     spacing = here.step if step is None else step
     width = 2.0 * (here.radius + here.travel)
@@ -81,7 +88,10 @@ def reach(
         height = here.easy[1]
     grid = here.grid(platform, np.array([height]), spacing, tilt, whole=True)
     name = robot if isinstance(robot, str | Path) else cell.robot.name
-    return reach_document(str(name), cell, reach_map(cell, grid))
+    document = reach_document(str(name), cell, reach_map(cell, grid))
+    if handover is not None:
+        document["handovers"] = handover_rows(cell, handover_poses(cell, handover), handover)
+    return document
 
 
 def reach_cell(robot: str) -> tuple[Cell, list[Note]]:

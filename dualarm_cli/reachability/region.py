@@ -61,6 +61,10 @@ class Region:
     """Grid spacing for the shortest arm [m]."""
     home: FloatArray
     """Platform positions at home [rad or m], shape (k,)."""
+    shoulders: FloatArray
+    """Shoulders of the a arms with the platform at home [m], shape (a, 3)."""
+    reaches: FloatArray
+    """Distances of tool centre points from the shoulders within reach [m], shape (a,)."""
 
     def is_easy(self, heights: FloatArray) -> BoolArray:
         """Select easy heights: mask of heights [m], shape (h,)."""
@@ -127,6 +131,8 @@ def region(cell: Cell) -> Region:
         (base, max(base + step, float((at[:, 2] - REGION.below * reach).max()))),
         step,
         home,
+        at,
+        reach,
     )
 
 

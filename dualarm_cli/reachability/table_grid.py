@@ -125,10 +125,27 @@ def flange_poses(
     Returns:
         Rotations, shape (m, 3, 3), and positions [m], shape (m, 3).
     """
-    T = model.arms[arm].T_flange_tcp.inverse()
     R, p = grid.tools(node, yaw)
-    p = p - back * R[..., 2]
-    R_world, p_world = model.platform.pose(grid.platform_at(node))
+    return carried_flanges(model, arm, grid.platform_at(node), R, p - back * R[..., 2])
+
+
+def carried_flanges(
+    model: CellModel, arm: str, platform: FloatArray, R: FloatArray, p: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Compute flange poses of tools, in the frame that carries the arms.
+
+    Args:
+        model: the cell.
+        arm: name of the arm.
+        platform: positions of the platform's joints [rad or m], shape (m or 1, k).
+        R: rotations of the tools in the world, shape (m, 3, 3).
+        p: tool centre points [m], shape (m, 3).
+
+    Returns:
+        Rotations, shape (m, 3, 3), and positions [m], shape (m, 3).
+    """
+    T = model.arms[arm].T_flange_tcp.inverse()
+    R_world, p_world = model.platform.pose(platform)
     R_carried = np.swapaxes(R_world, -1, -2)
     R, p = product(R_carried, R), product(R_carried, (p - p_world)[..., None])[..., 0]
     return product(R, T.rotation), p + product(R, T.translation)

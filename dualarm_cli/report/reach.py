@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray
+from dualarm_cli.geometry.rotations import rpy_angles
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.reachability.facing_tools import HandoverPose
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
 from dualarm_cli.report.printable import numbers
 
@@ -163,6 +165,66 @@ def reach_lines(document: Mapping[str, Any]) -> list[str]:
         subject = "both arms reach" if who == "both" else f"the {who} arm reaches"
         lines.append(f"{subject} points between x {x} and y {y}")
     return [*lines, NOTE]
+
+
+def handover_rows(
+    cell: Cell, poses: Sequence[HandoverPose], distance: float
+) -> list[dict[str, Any]]:
+    """Build the rows of hand-over poses, JSON-ready, in SI units, best first.
+
+    Either arm can give: the tools of both are in the row, and `grip` is the pose of each in the other's frame.
+
+    Args:
+        cell: with its tools.
+        poses: found at that distance.
+        distance: distance of the tool centre points [m].
+    """
+    joints = {arm.name: arm.joints for arm in cell.robot.arms}
+    return [
+        {
+            "score": pose.score,
+            "grip": {"xyz": [0.0, 0.0, distance], "rpy": [math.pi, 0.0, pose.turn]},
+            "tools": {
+                arm: {"xyz": p.tolist(), "rpy": rpy_angles(R).tolist()}
+                for arm, (R, p) in pose.tools.items()
+            },
+            "joints": {
+                arm: dict(zip(joints[arm], q.tolist(), strict=True)) for arm, q in pose.q.items()
+            },
+        }
+        for pose in poses
+    ]
+
+
+def handover_lines(rows: Sequence[Mapping[str, Any]], distance: float) -> list[str]:
+    """Compose hand-over poses as lines for a task file, for either arm that gives.
+
+    Args:
+        rows: as `handover_rows` builds them.
+        distance: distance of the tool centre points [m].
+    """
+    if not rows:
+        return [
+            f"no hand-over with the tools {distance * 1000.0:g} mm apart was found; try another distance"
+        ]
+    lines = [
+        f"hand-overs with the tools {distance * 1000.0:g} mm apart, best first; the part is not checked:"
+    ]
+    for number, row in enumerate(rows, 1):
+        lines.append(f"  # {number}: either arm may give")
+        for arm, tool in row["tools"].items():
+            pose, grip = (
+                f"xyz: {_row(entry['xyz'])}, rpy: {_row(np.degrees(entry['rpy']), ' deg')}"
+                for entry in (tool, row["grip"])
+            )
+            lines.append(f"  handover: {{{pose}, grip: {{{grip}}}}}  # arm: {arm}")
+    return lines
+
+
+def _row(values: Iterable[float], unit: str = "") -> str:
+    """Format three lengths [m] or angles [deg] as YAML."""
+    words = (f"{round(float(value), 6) + 0.0:.9g}" for value in values)
+    return f"[{', '.join(word if word == '0' else word + unit for word in words)}]"
 
 
 def _shown(place: float, rail: bool) -> str:

@@ -37,7 +37,7 @@ EXAMPLES: Mapping[str, str] = {
     "robot show": "sda10f; robot/robot.yaml -v; yumi --json",
     "robot export": "yumi --out yumi.urdf; robot/robot.yaml --out -",
     "robot import": "robot.urdf; robot.urdf --srdf robot.srdf --out robot; --left arm.urdf --right arm.urdf --out pair",
-    "robot reach": "sda10f; cell.yaml --out reach.png; cell.yaml --height '0.9 m'",
+    "robot reach": "sda10f; cell.yaml --out reach.png; cell.yaml --height '0.9 m'; cell.yaml --handover '80 mm'",
     "calibrate": "points.yaml; points.yaml --out base.yaml; points.yaml --fit tool",
 }
 """Examples of commands: what follows their names, with semicolons between; tested."""
