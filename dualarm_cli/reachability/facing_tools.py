@@ -1,7 +1,7 @@
 """Hand-over poses: where both arms reach, with their tools facing each other.
 
 Directions and midpoints on a grid; the inverse kinematics of each arm at turns about its tool's axis; the best pairs
-that keep clear of each other and can draw back, spread over room and directions.
+that keep their clearance and can draw back, spread over room and directions.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ class FacingSettings:
     towards: float = 0.3
     """Minimum cosine between a heading and the horizontal direction to the other arm's shoulder."""
     spacings: tuple[int, ...] = (1, 2, 3, 4, 6, 8)
-    """Candidate spacings of midpoints, in steps of the region; the first with few enough poses is used."""
+    """Candidate spacings of midpoints, in steps of the region.
+
+    The first with few enough poses is used.
+    """
     many: int = 4_000
     """Maximum number of poses of an arm with closed forms."""
     many_searched: int = 500
@@ -44,7 +47,7 @@ class FacingSettings:
     stretch: float = 0.85
     """Maximum distance of a tool from its shoulder as a fraction of the reach."""
     behind: float = 0.1
-    """Distance behind the shoulders, as a fraction of the reach, up to which poses are in front."""
+    """Distance behind the shoulders still in front, as a fraction of the reach."""
     line: float = 0.08
     """Length by which either tool draws back from the part [m]."""
     samples: int = 4
@@ -69,7 +72,7 @@ class HandoverPose:
     tools: Mapping[str, tuple[FloatArray, FloatArray]]
     """Rotation (3, 3) and tool centre point (3,) [m] in the world, by arm."""
     turn: float
-    """Turn of either tool about its own z axis, relative to the tool that faces it [rad]."""
+    """Turn of either tool about its z axis, relative to the other [rad]."""
     q: Mapping[str, FloatArray]
     """Joints by arm [rad], the platform at home, each of shape (n,)."""
     score: float
