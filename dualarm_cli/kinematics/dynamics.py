@@ -62,36 +62,44 @@ class Dynamics:
             inertia = cell.tools[arm.name].inertia + load
             model.appendBodyToJoint(flange.parentJoint, inertia, flange.placement)
         self._model, self._data, self._robot = model, model.createData(), robot
-        self.limit: FloatArray = robot.torques.effort
-        """Largest joint torques [N m], shape (n,), 0 where unjoint."""
+        self.limit: FloatArray = robot.torques.effort - robot.torques.coulomb
+        """Largest joint torques besides Coulomb friction [N m or N], shape (n,)."""
 
     @property
     def unknown(self) -> list[str]:
-        """Joints without a torque limit, or whose link has no mass."""
+        """Joints without a torque limit, or whose link has no mass or that of a placeholder."""
         masses = np.array([inertia.mass for inertia in self._model.inertias[1:]])[self._back]
-        has_data = (self.limit > 0.0) & np.isfinite(self.limit) & (masses > 0.0)
+        effort, same = (
+            self._robot.torques.effort,
+            len(masses) >= PLACEHOLDERS and np.ptp(masses) == 0.0,
+        )
+        has_data = (effort > 0.0) & np.isfinite(effort) & (masses > 0.0) & (not same)
         return [name for name, has in zip(self._robot.joints, has_data, strict=True) if not has]
 
     def at(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the mass matrix (n, n) and torques without acceleration (n,) [N m].
+        """Compute the mass matrix (n, n) and torques without acceleration (n,) [N m or N].
+
+        Rotors, springs and viscous friction count; Coulomb friction is in the limit.
 
         Args:
             q: positions [rad], shape (n,).
             qd: velocities [rad/s], shape (n,).
         """
-        q, qd = self._coordinates.of(q), qd[self._coordinates.order]
-        M = pin.crba(self._model, self._data, q)
+        at, rates = self._coordinates.of(q), qd[self._coordinates.order]
+        M = pin.crba(self._model, self._data, at)
         M = np.triu(M) + np.triu(M, 1).T
-        bias = pin.nonLinearEffects(self._model, self._data, q, qd)
-        return M[np.ix_(self._back, self._back)], bias[self._back]
+        bias = pin.nonLinearEffects(self._model, self._data, at, rates)[self._back]
+        joint = self._robot.torques
+        bias += joint.viscous * qd - joint.spring - joint.stiffness * q
+        return M[np.ix_(self._back, self._back)] + np.diag(joint.rotor), bias
 
     def torques(
         self, q: FloatArray, v: FloatArray, a: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute torques at rest, of the motion, and of friction [N m or N].
+        """Compute torques at rest, of the motion, and magnitudes of viscous friction [N m or N].
 
-        Each has shape (k, n). Springs count at rest, rotors with the motion. The torque of a joint is at most the
-        magnitude of the first two together plus friction.
+        Each has shape (k, n). Springs count at rest, rotors with the motion. The torque of a joint besides Coulomb
+        friction is at most the magnitude of the first two together plus the third.
 
         Args:
             q: positions [rad or m], shape (k, n).
@@ -106,11 +114,13 @@ class Dynamics:
             whole = pin.rnea(self._model, self._data, at, v[k][order], a[k][order])
             motion[k] = whole[back] - rest[k]
         rest -= joint.spring + joint.stiffness * q
-        return rest, motion + joint.rotor * a, joint.coulomb + joint.viscous * np.abs(v)
+        return rest, motion + joint.rotor * a, joint.viscous * np.abs(v)
 
 
 POSTURES = 400
 """Number of random postures in which the empty robot has to hold itself."""
+PLACEHOLDERS = 4
+"""Least number of links whose equal masses count as placeholders."""
 
 
 def limits_torques(cell: Cell) -> bool:
@@ -124,8 +134,9 @@ def limits_torques(cell: Cell) -> bool:
     dynamics = Dynamics(cell)
     if dynamics.unknown:
         return False
-    zero = np.zeros((POSTURES, len(robot.joints)))
-    shares = np.random.default_rng(0).uniform(size=zero.shape)
+    zero = np.zeros((POSTURES + 1, len(robot.joints)))
+    shares = np.random.default_rng(0).uniform(size=zero[1:].shape)
     lower, upper = robot.limits.lower, robot.limits.upper
-    at_rest, _, friction = dynamics.torques(lower + shares * (upper - lower), zero, zero)
-    return bool((np.abs(at_rest) + friction <= robot.torques.effort).all())
+    postures = np.vstack([robot.postures["home"], lower + shares * (upper - lower)])
+    at_rest, _, _ = dynamics.torques(postures, zero, zero)
+    return bool((np.abs(at_rest) <= dynamics.limit).all())

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import GIVES, TAKES, Job
@@ -62,10 +62,10 @@ def within_torques(job: Job, motion: Motion) -> tuple[Motion, list[Note]]:
     """
     if not limits_torques(job.cell) or any(event.moves for event in motion.events):
         return motion, []
-    factors, spans, joint = _slowing(job, motion)
+    factors, edges, joint = _slowing(job, motion)
     if not (factors > 1.0).any():
         return motion, []
-    slowed = _slowed(motion, factors, spans)
+    slowed = _slowed(motion, factors, edges)
     seconds = slowed.trajectory.duration - motion.trajectory.duration
     count, most = int((factors > 1.0).sum()), float(factors.max()) - 1.0
     name = job.cell.robot.joints[joint]
@@ -111,11 +111,11 @@ def _loads(job: Job, motion: Motion) -> list[PayloadSpan]:
     return [load for load in loads if job.cell.load_inertia(load.arm, load.held).mass > 0.0]
 
 
-def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, FloatArray, int]:
+def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
     """Compute the factor of every span between rests, and the joint of the largest one.
 
     Returns:
-        Factors, at least 1, shape (m,); edges of the spans [s], shape (m + 1,); index of a joint.
+        Factors, at least 1, shape (m,); knots at the edges of the spans, shape (m + 1,); index of a joint.
     """
     trajectory = motion.trajectory
     still = np.hstack([np.abs(trajectory.velocity), np.abs(trajectory.acceleration)]).max(axis=1)
@@ -132,9 +132,9 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, FloatArray, int]:
         key = tuple(replace(load, start=0.0, end=0.0) for load in held)
         if key not in models:
             models[key] = Dynamics(job.cell, _carried(job, held))
-        time, (q, v, a) = _instants(trajectory, float(first), float(last))
+        time, knot, (q, v, a) = _instants(trajectory, float(first), float(last))
         square, columns = _least_squares(job, models[key], time, (q, v, a), held)
-        span = np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(squares) - 1)
+        span = _span(edges, knot)
         worst = int(np.argmax(square))
         if square[worst] > squares.max():
             joint = int(columns[worst])
@@ -145,7 +145,12 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, FloatArray, int]:
                 times[1:] > segment.start + SAME_TIME
             )
             squares[inside] = 1.0
-    return np.sqrt(squares), times, joint
+    return np.sqrt(squares), edges, joint
+
+
+def _span(edges: IntArray, knot: IntArray) -> IntArray:
+    """Find the spans of knots; with two knots at one time a jump is before the second."""
+    return np.clip(np.searchsorted(edges, knot, side="right") - 1, 0, len(edges) - 2)
 
 
 def _carried(job: Job, held: Sequence[PayloadSpan]) -> Mapping[str, pin.Inertia]:
@@ -159,8 +164,12 @@ def _carried(job: Job, held: Sequence[PayloadSpan]) -> Mapping[str, pin.Inertia]
 
 def _instants(
     trajectory: Trajectory, start: float, end: float
-) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
-    """Sample a span at its knots, on both sides of jumps, and between them."""
+) -> tuple[FloatArray, IntArray, tuple[FloatArray, FloatArray, FloatArray]]:
+    """Sample a span at its knots, on both sides of jumps, and between them.
+
+    Returns:
+        Times [s] and knots at or before them, each (k,); positions, velocities and accelerations, each (k, n).
+    """
     inside = trajectory.time[(trajectory.time > start) & (trajectory.time < end)]
     uniform = np.arange(start, end, SETTINGS.step)
     time = np.unique(np.concatenate([[start], inside, uniform, [end]]))
@@ -174,7 +183,9 @@ def _instants(
     rows = (trajectory.position, trajectory.velocity, trajectory.acceleration)
     before = tuple(row[jumps] for row in rows)
     whole = [np.vstack([x, y]) for x, y in zip((q, v, a), before, strict=True)]
-    return np.concatenate([time, trajectory.time[jumps]]), (whole[0], whole[1], whole[2])
+    knot = np.concatenate([np.searchsorted(trajectory.time, time, side="right") - 1, jumps])
+    time = np.concatenate([time, trajectory.time[jumps]])
+    return time, knot, (whole[0], whole[1], whole[2])
 
 
 def _least_squares(
@@ -192,16 +203,20 @@ def _least_squares(
     Raises:
         InfeasibleError: a joint cannot hold still.
     """
-    at_rest, moving, friction = dynamics.torques(*motion)
-    effort = (1.0 - SETTINGS.reserve) * dynamics.limit - friction
-    room = effort - np.sign(moving) * at_rest
+    at_rest, moving, viscous = dynamics.torques(*motion)
+    effort = (1.0 - SETTINGS.reserve) * dynamics.limit
     lacking = np.abs(at_rest) - effort
     k, joint = np.unravel_index(int(np.argmax(lacking)), lacking.shape)
     if lacking[k, joint] >= 0.0:
         raise InfeasibleError(
             _cannot_hold(job, float(time[k]), int(joint), float(at_rest[k, joint]), held)
         )
-    squares = np.abs(moving) / room
+    # With u = 1 / factor: |moving| u² + viscous u within the room along `moving`, viscous u within that against it.
+    along = np.copysign(1.0, moving) * at_rest
+    room, against = effort - along, effort + along
+    root = np.sqrt(np.square(viscous) + 4.0 * np.abs(moving) * room)
+    squares = np.abs(moving) / room + viscous * (viscous + root) / (2.0 * np.square(room))
+    np.maximum(squares, np.square(viscous / against), out=squares)
     return squares.max(axis=1), squares.argmax(axis=1)
 
 
@@ -211,29 +226,30 @@ def _cannot_hold(
     """Build the refusal of a joint that cannot hold still."""
     robot = job.cell.robot
     effort = float(robot.torques.effort[joint])
+    torque = abs(torque) + float(robot.torques.coulomb[joint])
     loads = [f"{load.arm} {load.held.name}" for load in held]
     data = {
         "joint": robot.joints[joint],
         "unit": "N" if robot.joints[joint] in robot.sliding else "N m",
-        "torque": abs(torque),
-        "share": abs(torque) / effort,
+        "torque": torque,
+        "share": torque / effort,
         "time": time,
         "loads": loads,
         "carrying": f", carrying {' and '.join(loads)}" if loads else "",
     }
-    return Refusal("cannot_hold", measured=abs(torque), allowed=effort, data=data)
+    return Refusal("cannot_hold", measured=torque, allowed=effort, data=data)
 
 
-def _slowed(motion: Motion, factors: FloatArray, edges: FloatArray) -> Motion:
+def _slowed(motion: Motion, factors: FloatArray, knots: IntArray) -> Motion:
     """Slow the spans of a motion by their factors.
 
     Args:
         motion: of all joints.
         factors: at least 1, shape (m,).
-        edges: of the spans [s], shape (m + 1,).
+        knots: at the edges of the spans, shape (m + 1,).
     """
     old = motion.trajectory
-    span = np.clip(np.searchsorted(edges, old.time, side="right") - 1, 0, len(factors) - 1)
+    edges, span = old.time[knots], _span(knots, np.arange(len(old.time)))
     starts = np.concatenate([[0.0], np.cumsum(np.diff(edges) * factors)])
     # At an edge all joints are at rest, so that both factors give the same.
     factor = factors[span][:, None]

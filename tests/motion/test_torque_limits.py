@@ -10,8 +10,9 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
 from dualarm_cli.model.cell import Cell, Tool
-from dualarm_cli.model.robot import Arm, JointLimits, Robot
+from dualarm_cli.model.robot import Arm, JointLimits, JointTorques, Robot
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
@@ -31,11 +32,15 @@ LYING = pin.SE3(pin.utils.rotate("x", np.pi / 2), np.zeros(3))
 H = 0.1
 
 
-def job_of(effort: float, base: pin.SE3 = LYING, rule: str = "limited") -> SimpleNamespace:
+def job_of(
+    effort: float, base: pin.SE3 = LYING, rule: str = "limited", **torques: float
+) -> SimpleNamespace:
     """A bar without mass about y, with a tool of 2 kg at its end."""
     limits = JointLimits(("swing",), -3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE, 900 * ONE, ("assumed",))
     arm = Arm("left", ("swing",), "arm", "general")
     robot = Robot("pendulum", URDF.format(effort=effort), (), (arm,), limits)
+    stated = {name: value * ONE for name, value in torques.items()}
+    robot = replace(robot, stated_torques=replace(JointTorques.of_effort(effort * ONE), **stated))
     tcp = pin.SE3(np.eye(3), np.array([LENGTH, 0.0, 0.0]))
     tool = Tool(tcp, pin.Inertia(MASS, tcp.translation, np.zeros((3, 3))))
     cell = Cell(robot, base, {"left": tool}, torque=rule)
@@ -122,3 +127,82 @@ def test_a_dwell_keeps_its_length_and_a_wait_follows() -> None:
     slowed, _ = within_torques(job_of(peak / 4.0 / (1.0 - SETTINGS.reserve)), within)
     spans = [(s.kind, round(s.start, 9), round(s.end, 9)) for s in slowed.segments]
     assert spans == [("dwell", 0.0, 0.2), ("wait", 0.2, 0.6), ("transfer", 0.6, 1.3)]
+
+
+def test_viscous_friction_is_slowed_away() -> None:
+    """At 4 rad/s it needs 40 N m of 30; slower it needs less, and no joint has to hold anything."""
+    effort = 30.0
+    motion, _ = within_torques(job_of(effort, viscous=10.0), swing())
+    v, a = motion.trajectory.at(np.linspace(0.0, motion.trajectory.duration, 2001))[1:]
+    torque = np.abs(MASS * LENGTH**2 * a + 10.0 * v)
+    assert torque.max() <= effort
+    # Where it brakes, friction helps; the planner adds both magnitudes, 20 N m at most and 40.
+    assert torque.max() >= effort * 0.8
+
+
+def test_coulomb_friction_counts_where_a_joint_holds_still() -> None:
+    """M g L = 9.81 N m and 1 N m of friction are 108 % of 10 N m."""
+    job = job_of(10.0, pin.SE3.Identity(), coulomb=1.0)
+    with pytest.raises(InfeasibleError, match=r"swing needs 10\.81 N m .*, 108% of its"):
+        within_torques(job, swing())
+
+
+def with_jumps() -> Motion:
+    """Forth by a step of acceleration up and one down, a rest of 0.1 s, and back, with double knots."""
+    time = np.array([0, 1, 1, 2, 2, 3, 3, 4, 4, 5]) * H
+    a = np.array([1, 1, -1, -1, 0, 0, -0.2, -0.2, 0.2, 0.2]) * ACCELERATION
+    q, v = np.zeros(10), np.zeros(10)
+    for k, h in enumerate(np.diff(time)):
+        v[k + 1], q[k + 1] = v[k] + h * a[k], q[k] + h * v[k] + h * h * a[k] / 2
+    v[[3, 4, 5, 9]] = 0.0
+    trajectory = Trajectory(("swing",), time, q[:, None], v[:, None], a[:, None])
+    dwell = Segment("left", "dwell", "a", "place", 0.2, 0.3)
+    return replace(swing(), trajectory=trajectory, segments=(dwell,), events=())
+
+
+@pytest.mark.parametrize(
+    ("base", "effort"), [(LYING, 5.0), (pin.SE3.Identity(), 11.0), (pin.SE3.Identity(), 16.0)]
+)
+def test_a_jump_of_acceleration_belongs_to_the_motion_before_a_rest(
+    base: pin.SE3, effort: float
+) -> None:
+    """The rest keeps its length, and between all knots the motion is that of its accelerations."""
+    motion, _ = within_torques(job_of(effort, base), with_jumps())
+    new = motion.trajectory
+    h = np.diff(new.time)[:, None]
+    assert h[4] == pytest.approx(H)
+    q, v, a = (x[:-1] for x in (new.position, new.velocity, new.acceleration))
+    np.testing.assert_allclose(v + h * (a + h * new.jerk / 2), new.velocity[1:], atol=1e-12)
+    moved = q + h * (v + h * (a / 2 + h * new.jerk / 6))
+    np.testing.assert_allclose(moved, new.position[1:], atol=1e-12)
+    assert [s.kind for s in motion.segments] == ["dwell"]
+
+
+def test_mass_matrix_and_bias_have_rotors_springs_and_friction() -> None:
+    """M L² + J, and viscous friction less the spring; Coulomb friction lowers the limit."""
+    job = job_of(30.0, rotor=0.1, spring=0.7, stiffness=0.3, viscous=0.2, coulomb=2.0)
+    dynamics = Dynamics(job.cell, {})
+    M, bias = dynamics.at(0.4 * ONE, -1.5 * ONE)
+    assert M.item() == pytest.approx(MASS * LENGTH**2 + 0.1, rel=1e-9)
+    assert bias.item() == pytest.approx(-0.2 * 1.5 - 0.7 - 0.3 * 0.4, rel=1e-9)
+    assert dynamics.limit.item() == pytest.approx(28.0)
+
+
+def chain(masses: list[float]) -> Cell:
+    """Vertical axes in a row, with the masses given."""
+    links = [f'<link name="l{k}"><inertial><mass value="{m}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
+             f'iyz="0"/></inertial></link>' for k, m in enumerate([1.0, *masses])]  # fmt: skip
+    joints = [f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/><axis xyz="0 0 1"/>'
+              '<limit lower="-3" upper="3" velocity="9" effort="5"/></joint>' for k in range(len(masses))]  # fmt: skip
+    names, ones = tuple(f"j{k}" for k in range(len(masses))), np.ones(len(masses))
+    limits = JointLimits(names, -3 * ones, 3 * ones, ones, ones, ones, ("assumed",) * len(masses))
+    arm = Arm("left", names, f"l{len(masses)}", "general")
+    urdf = f'<robot name="chain">{"".join([*links, *joints])}</robot>'
+    return Cell(Robot("chain", urdf, (), (arm,), limits), pin.SE3.Identity(), {})
+
+
+def test_placeholders_of_masses_limit_nothing() -> None:
+    """As the verifier does not check them either: four links of 1 kg."""
+    assert not limits_torques(chain([1.0] * 4))
+    assert limits_torques(chain([1.0, 2.0, 1.0, 1.0]))
+    assert limits_torques(chain([1.0] * 3))
