@@ -96,10 +96,9 @@ class Dynamics:
     def torques(
         self, q: FloatArray, v: FloatArray, a: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute torques at rest, of the motion, and magnitudes of viscous friction [N m or N].
+        """Compute torques at rest, of the motion, and of viscous friction [N m or N].
 
-        Each has shape (k, n). Springs count at rest, rotors with the motion. The torque of a joint besides Coulomb
-        friction is at most the magnitude of the first two together plus the third.
+        Each has shape (k, n). Springs count at rest, rotors with the motion; Coulomb friction is in the limit.
 
         Args:
             q: positions [rad or m], shape (k, n).
@@ -114,7 +113,7 @@ class Dynamics:
             whole = pin.rnea(self._model, self._data, at, v[k][order], a[k][order])
             motion[k] = whole[back] - rest[k]
         rest -= joint.spring + joint.stiffness * q
-        return rest, motion + joint.rotor * a, joint.viscous * np.abs(v)
+        return rest, motion + joint.rotor * a, joint.viscous * v
 
 
 POSTURES = 400

@@ -211,12 +211,12 @@ def _least_squares(
         raise InfeasibleError(
             _cannot_hold(job, float(time[k]), int(joint), float(at_rest[k, joint]), held)
         )
-    # With u = 1 / factor: |moving| u² + viscous u within the room along `moving`, viscous u within that against it.
-    along = np.copysign(1.0, moving) * at_rest
-    room, against = effort - along, effort + along
-    root = np.sqrt(np.square(viscous) + 4.0 * np.abs(moving) * room)
-    squares = np.abs(moving) / room + viscous * (viscous + root) / (2.0 * np.square(room))
-    np.maximum(squares, np.square(viscous / against), out=squares)
+    # With u = 1 / factor: |moving| u² + along u <= room, and against `moving` -along u <= opposite.
+    sign = np.copysign(1.0, moving)
+    room, opposite, along = effort - sign * at_rest, effort + sign * at_rest, sign * viscous
+    root = np.sqrt(np.square(along) + 4.0 * np.abs(moving) * room)
+    squares = np.abs(moving) / room + along * (along + root) / (2.0 * np.square(room))
+    np.maximum(squares, np.square(np.minimum(along, 0.0) / opposite), out=squares)
     return squares.max(axis=1), squares.argmax(axis=1)
 
 

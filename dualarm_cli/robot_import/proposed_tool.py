@@ -132,7 +132,7 @@ class ProposedTool:
         """Proposed tool in the data model; a hand's shapes are those of its links."""
         size = (self.radius, self.length - 2.0 * self.radius)
         shapes = (Shape("capsule", size, self.middle),) if self.length else ()
-        return Tool(self.tcp, 0.0, shapes)
+        return Tool(self.tcp, shapes=shapes)
 
 
 def with_tools(cell: Cell) -> tuple[Cell, dict[str, ProposedTool]]:

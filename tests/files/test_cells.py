@@ -240,6 +240,7 @@ def test_stated_centres_and_moments_have_priority(
         ("mass: 1 kg, inertia: [1, 1, 1, 1]", "takes 3 or 6 numbers, not 4"),
         ("mass: 1 kg, inertia: [1, 1, 3]", "no body has these moments"),
         ("mass: 1 kg, inertia: [1, 1, 1, 2, 0, 0]", "no body has these moments"),
+        ("mass: 1 kg, inertia: [1.0e+300, 1.0e+300, 1.0e+300]", "1e+06"),
         ("mass: -1 kg", "mass must be at least 0"),
     ],
 )

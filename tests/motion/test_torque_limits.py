@@ -136,8 +136,16 @@ def test_viscous_friction_is_slowed_away() -> None:
     v, a = motion.trajectory.at(np.linspace(0.0, motion.trajectory.duration, 2001))[1:]
     torque = np.abs(MASS * LENGTH**2 * a + 10.0 * v)
     assert torque.max() <= effort
-    # Where it brakes, friction helps; the planner adds both magnitudes, 20 N m at most and 40.
-    assert torque.max() >= effort * 0.8
+    assert torque.max() == pytest.approx(effort, rel=0.02)
+
+
+def test_viscous_friction_that_brakes_alone_is_slowed_away() -> None:
+    """Where the joint brakes by 20 N m at 2 rad/s, 30 N m/(rad/s) of friction need 60 - 20 of 35 N m."""
+    effort = 35.0
+    motion, _ = within_torques(job_of(effort, viscous=30.0), swing())
+    v, a = motion.trajectory.at(np.linspace(0.0, motion.trajectory.duration, 2001))[1:]
+    torque = np.abs(MASS * LENGTH**2 * a + 30.0 * v)
+    assert effort * 0.9 <= torque.max() <= effort
 
 
 def test_coulomb_friction_counts_where_a_joint_holds_still() -> None:

@@ -112,7 +112,9 @@ class ObstacleSection(ShapeSection):
     """A fixed solid of the cell."""
 
 
-Moments = Annotated[list[float], Field(min_length=3, max_length=6)]
+Moments = Annotated[
+    list[Annotated[float, Field(ge=-1e6, le=1e6)]], Field(min_length=3, max_length=6)
+]
 
 
 class WeighedSection(Section):
