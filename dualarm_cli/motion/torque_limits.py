@@ -149,7 +149,7 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
 
 
 def _span(edges: IntArray, knot: IntArray) -> IntArray:
-    """Find the spans of knots; with two knots at one time a jump is before the second."""
+    """Find the spans of knots; of two at one time the first ends the span before."""
     return np.clip(np.searchsorted(edges, knot, side="right") - 1, 0, len(edges) - 2)
 
 
