@@ -56,11 +56,11 @@ def init_command(
     from dualarm_cli.robot_import.expanded_text import parse_arguments
     from dualarm_cli.robot_import.importing import ImportRequest
     from dualarm_cli.starting.project import refuse_used_folder, start_project
-    from dualarm_cli.starting.robot_source import robot_source
+    from dualarm_cli.starting.robot_source import robot_path, robot_source
 
     refuse_used_folder(folder)
     request = ImportRequest(
-        Path(robot or DEFAULT_ROBOT),
+        robot_path(robot or DEFAULT_ROBOT),
         srdf,
         joint_limits,
         {side: tip for side, tip in (("left", left_tip), ("right", right_tip)) if tip},

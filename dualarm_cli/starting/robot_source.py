@@ -41,6 +41,12 @@ class RobotSource:
         return f"robot: {self.reference}".replace(": \n", ":\n", 1)
 
 
+def robot_path(robot: str) -> Path:
+    """Convert `--robot` to a path, absolute for `./openarm`: a folder, not the bundled robot."""
+    path = Path(robot)
+    return path.absolute() if robot != str(path) in bundled_robots() else path
+
+
 def robot_source(request: ImportRequest) -> RobotSource:
     """Find the robot of a new project.
 

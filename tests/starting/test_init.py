@@ -19,7 +19,9 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
+from dualarm_cli.robot_import.importing import ImportRequest
 from dualarm_cli.starting.layout import LAYOUT
+from dualarm_cli.starting.robot_source import robot_path, robot_source
 from dualarm_cli.starting.table import room_for_table
 from tests.checked_files import check_file
 
@@ -127,6 +129,15 @@ def test_the_same_robot_gets_the_same_bytes():
     for name in ("one", "two"):
         assert run(["init", name, "--robot", QUICK]) == 0
     assert content("one") == content("two")
+
+
+@pytest.mark.parametrize("robot", ["./openarm", "openarm/", "openarm"])
+def test_a_folder_may_have_the_name_of_a_bundled_robot(robot):
+    """`./openarm` is the folder, here with another robot; the bare name is the bundled robot."""
+    shutil.copytree(robots_folder() / QUICK, "openarm")
+    source = robot_source(ImportRequest(robot_path(robot)))
+    assert source.reference == ("openarm" if robot == "openarm" else '"openarm/robot.yaml"')
+    assert bool(source.files) is (robot != "openarm")
 
 
 def test_a_folder_that_is_used_is_refused(capsys):
