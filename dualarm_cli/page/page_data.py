@@ -21,6 +21,7 @@ from dualarm_cli.page.packed import joint_knots, packed
 from dualarm_cli.page.scene import DrawnHulls, bodies, flange, placed, solids, tcp, visuals
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.report import plan_title
+from dualarm_cli.robot_import.proposed_tool import tool_notes
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import watched_pairs
 
@@ -61,6 +62,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "hulls": hulls.rows,
         "tcps": {arm: {"body": body} | placed(pose) for arm, (body, pose) in tcps.items()},
         "flanges": {arm: placed(flange(model, job.cell.robot, arm).placement) for arm in tcps},
+        "tools": list(tool_notes(job.cell)),
         "frames": {name: placed(pose) for name, pose in job.cell.frames.items()},
         "objects": moved,
         "conveyors": _conveyors(done),

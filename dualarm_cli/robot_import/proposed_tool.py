@@ -43,6 +43,7 @@ _note = NoteTable(
     shapes="where {links:listed} are",
     links="where {link} is, away from the wrist",
     last="where the last link's shapes are",
+    given="{arm} tool: along {axis} of {flange}, {mm:.4g} mm long: by the `tcp` of the cell",
     guessed="guessed, as nothing stands beyond the wrist",
 )
 
@@ -79,6 +80,8 @@ class ToolSettings:
     """Maximum reach of a short arm [m]."""
     along: float = 0.6
     """Minimum cosine at which a tool points along the last joint's axis."""
+    same: float = 1e-6
+    """Difference up to which a tool is the proposed one [m, and of rotation matrices]."""
     away: float = 1e-3
     """Distance from the wrist from which a body shows the tool's side [m]."""
 
@@ -153,6 +156,25 @@ def proposed_tools(cell: Cell) -> dict[str, ProposedTool]:
     """
     kinematics = general_arms(cell)
     return {arm.name: _tool(cell, arm, kinematics[arm.name]) for arm in cell.robot.arms}
+
+
+def tool_notes(cell: Cell) -> list[Note]:
+    """Describe the tools of a cell: those proposed with their reasons, others by their frames.
+
+    Args:
+        cell: robot with the tools of a cell file.
+    """
+    notes = []
+    for name, proposed in proposed_tools(cell).items():
+        tcp = cell.tools[name].tcp
+        if tcp.isApprox(proposed.tcp, TOOL.same):
+            notes.append(proposed.note)
+            continue
+        axis = _nearest_axis(tcp.rotation[:, 2])
+        length = 1e3 * float(norm(tcp.translation))
+        flange = cell.robot.arm(name).flange
+        notes.append(_note("given", arm=name, axis=axis, flange=flange, mm=length))
+    return notes
 
 
 @dataclass(frozen=True)
@@ -260,10 +282,14 @@ def _outward(arm: GeneralArm, beyond: _Beyond) -> tuple[str, Note]:
             direction = last * np.sign(cosine) if abs(cosine) >= TOOL.along else away
             why = reason
             break
-    axis = max(
+    return _nearest_axis(direction), why
+
+
+def _nearest_axis(direction: FloatArray) -> str:
+    """Select the axis of a frame nearest to a direction (3,)."""
+    return max(
         _DIRECTIONS, key=lambda axis: round(float(product(direction, _DIRECTIONS[axis][0])), 6)
     )
-    return axis, why
 
 
 def _tool(cell: Cell, arm: Arm, kinematics: GeneralArm) -> ProposedTool:

@@ -106,6 +106,15 @@ def test_tools_are_where_pinocchio_has_them(shown) -> None:
             assert np.abs(drawn @ arm.tcp.homogeneous - expected).max() < 1e-9
 
 
+def test_each_tool_has_a_line(shown) -> None:
+    """Its arm, the axis of the flange and the length of the cell file's `tcp`."""
+    assert len(shown.data["tools"]) == len(shown.job.cell.robot.arms)
+    for arm, line in zip(shown.job.cell.robot.arms, shown.data["tools"], strict=True):
+        length = 1e3 * float(np.linalg.norm(shown.job.cell.tools[arm.name].tcp.translation))
+        assert line.startswith(f"{arm.name} tool: along +z of {arm.flange}")
+        assert f"{length:.4g} mm long" in line
+
+
 def test_carried_objects_do_not_jump_when_they_change_hands(shown) -> None:
     """Where one keyframe ends the next begins; what an arm lets go is where it was commanded."""
     changes = 0

@@ -7,6 +7,7 @@ last joint turns about z. All boxes are in the flange's frame.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,12 @@ from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.model.shape import Hull
 from dualarm_cli.robot_import.contacts import bare_cell
 from dualarm_cli.robot_import.importing import Imported
-from dualarm_cli.robot_import.proposed_tool import ProposedTool, proposed_tools
+from dualarm_cli.robot_import.proposed_tool import (
+    ProposedTool,
+    proposed_tools,
+    tool_notes,
+    with_tools,
+)
 
 Row = Callable[..., str]
 Write = Callable[..., Path]
@@ -148,3 +154,14 @@ def test_a_bare_flange_gets_a_gripper_and_a_guess_is_told(
     assert ("guessed" in tool.note) is (not shape)
     assert tool.length > 0.05
     assert len(tool.tool.shapes) == 1
+
+
+def test_the_tools_of_a_cell_are_described():
+    """A proposed tool has its reason, another one its frame: along -y of the flange, 50 mm, by hand."""
+    cell, tools = with_tools(bare_cell(load_robot("yumi").robot))
+    assert tool_notes(cell) == [tools["left"].note, tools["right"].note]
+    tcp = pin.SE3(pin.rpy.rpyToMatrix(np.pi / 2, 0.0, 0.0), np.array([0.0, -0.05, 0.0]))
+    changed = replace(cell, tools=cell.tools | {"left": replace(cell.tools["left"], tcp=tcp)})
+    left, right = tool_notes(changed)
+    assert left.startswith(f"left tool: along -y of {cell.robot.arms[0].flange}, 50 mm long")
+    assert right == tools["right"].note

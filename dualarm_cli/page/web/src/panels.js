@@ -309,6 +309,9 @@ export function notes(plan, go) {
   if (report.without_jerk_limit?.length) {
     blocks.push(block("Without a jerk limit", paragraph(report.without_jerk_limit.join(", "))));
   }
+  if (plan.tools?.length) {
+    blocks.push(block("Tools", element("ul", {}, ...plan.tools.map((/** @type {string} */ tool) => element("li", {}, tool)))));
+  }
   if (report.notes?.length) {
     blocks.push(block("Notes", element("ul", {}, ...report.notes.map((/** @type {string} */ note) => element("li", {}, ...withCode(note))))));
   }

@@ -99,6 +99,7 @@
  * @property {Hull[]} hulls
  * @property {Object<string, {body: number} & Pose>} tcps
  * @property {Object<string, Pose>} flanges in the bodies of the tool centre points
+ * @property {string[]} [tools] a sentence for each tool, with its reason
  * @property {Object<string, Pose>} frames of the cell, in the world
  * @property {CarriedObject[]} objects
  * @property {Conveyor[]} conveyors
