@@ -193,6 +193,10 @@ class SerialChain(LimitedJoints):
             J[:, :3, k], J[:, 3:, k] = z[:, k].T, 0.0
         return R, p, J
 
+    def origins(self, q: FloatArray) -> FloatArray:
+        """Compute the origins of all joints [m], shape (b, n, 3)."""
+        return self._chain(q)[3].transpose(2, 1, 0)
+
     def _chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Compute flange poses, and axes and origins of all joints, both (3, n, b).
 

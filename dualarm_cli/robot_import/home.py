@@ -23,7 +23,7 @@ from dualarm_cli.robot_import.contacts import bare_cell, random_postures, sample
 class HomeSettings:
     """Settings of the search for a posture home."""
 
-    sampled: int = 4000
+    sampled: int = 20_000
     """Number of sampled postures that are compared."""
     inner: float = 0.7
     """Fraction of the joint ranges that is sampled, around their middle."""
@@ -39,6 +39,12 @@ class HomeSettings:
     """Preferred depth of tools below the shoulder, as a fraction of the reach."""
     above: float = 0.25
     """Minimum preferred height of tools above the robot's root, as a fraction of the reach."""
+    turned: float = 2.0
+    """Weight of joints far from zero: root mean square of their positions, in half turns."""
+    raised: float = 2.0
+    """Weight of the height of elbows above shoulders, as a fraction of the reach."""
+    upright: float = 0.9
+    """Minimum cosine between the vertical and the first axis of an arm that stands."""
     down: float = 0.9962
     """Minimum cosine between a mirrored tool and the vertical: 5 degrees."""
     mirror: float = 0.01
@@ -83,7 +89,7 @@ def _home_at(
     for arm in robot.arms:
         numeric = model.arms[arm.name].kinematics
         assert isinstance(numeric, GeneralArm)
-        rating = _Rating(robot, arm.name, numeric, pin.SE3(R, p), tcps[arm.name])
+        rating = Rating(robot, arm.name, numeric, pin.SE3(R, p), tcps[arm.name])
         q = postures[:, robot.columns(arm.joints)]
         q = q[np.argsort(-rating.scores(q), kind="stable")[: SETTINGS.tried]]
         q = rating.tools_down(q)
@@ -124,7 +130,7 @@ def _home_at(
 
 
 @dataclass(frozen=True)
-class _Rating:
+class Rating:
     """Rating of an arm's postures as its part of home."""
 
     robot: Robot
@@ -163,7 +169,20 @@ class _Rating:
             - R[:, 2, 2]
             - 2.0 * norm(p - aim, axis=1) / reach
             + 2.0 * np.minimum(singular, 0.2)
+            - SETTINGS.turned * np.sqrt(np.mean((q / np.pi) ** 2, axis=1))
+            - SETTINGS.raised * self.raised(q, shoulder[2]) / reach
         )
+
+    def raised(self, q: FloatArray, shoulder: float) -> FloatArray:
+        """Compute the height of the highest joint above the shoulder [m], shape (n,).
+
+        It is 0 for arms whose first axis is vertical: they stand on what they work on, with the elbow up.
+        """
+        up = self.T_world_carried.rotation[2]
+        if abs(float(product(up, self.numeric.R_parent_joint[0][:, 2]))) > SETTINGS.upright:
+            return np.zeros(len(q))
+        heights = product(self.numeric.origins(q), up) + self.T_world_carried.translation[2]
+        return np.asarray(np.maximum(heights.max(axis=1) - shoulder, 0.0))
 
     def tools_down(self, q: FloatArray) -> FloatArray:
         """Turn tools straight down in place, and drop postures at limits, shape (m, axes)."""

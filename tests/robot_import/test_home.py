@@ -9,8 +9,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.kinematics.cell_model import general_arms
 from dualarm_cli.model.robot import Robot
-from dualarm_cli.robot_import.home import propose_home
+from dualarm_cli.robot_import.contacts import bare_cell
+from dualarm_cli.robot_import.home import Rating, propose_home
 from dualarm_cli.robot_import.importing import Imported
 
 Row = Callable[..., str]
@@ -72,3 +74,34 @@ def test_arms_that_do_not_mirror_have_tools_down(
     assert home is not None
     for pose in tools(robot, home, np.eye(3)).values():
         assert np.degrees(np.arccos(-pose.rotation[2, 2])) < 0.2
+
+
+def test_the_turn_nearest_to_zero_is_preferred(
+    row: Row, write_rows: Write, import_with: Import
+) -> None:
+    """A joint at -1.2 rad and a whole turn beyond, with the same tool pose; the middle of its range is nearer to that."""
+    arm = row("", 0.0).replace('lower="-2.9" upper="2.9"', 'lower="-2" upper="6.28"', 1)
+    robot = import_with(write_rows(arm)).loaded.robot
+    numeric = general_arms(bare_cell(robot))["left"]
+    rating = Rating(robot, "left", numeric, pin.SE3.Identity(), pin.SE3.Identity())
+    near, far = np.array(
+        [[-1.2, 0.5, 0.5, 0.5, 0.5, 0.5], [-1.2 + 2.0 * np.pi, 0.5, 0.5, 0.5, 0.5, 0.5]]
+    )
+    np.testing.assert_allclose(numeric.forward(near)[1], numeric.forward(far)[1], atol=1e-9)
+    scores = rating.scores(np.array([near, far]))
+    assert scores[0] > scores[1]
+
+
+@pytest.mark.parametrize(("roll", "raised"), [(0.0, 0.0), (-np.pi / 2, 0.3 * np.sin(1.0))])
+def test_elbows_above_level_shoulders_count(
+    roll: float, raised: float, row: Row, write_rows: Write, import_with: Import
+) -> None:
+    """The upper arm is 0.3 m long and 1 rad above the level shoulder axis; an arm that stands has none to count."""
+    arm = row("", 0.0).replace('xyz="0 0.0 0.2"', f'xyz="0 0.0 0.8" rpy="{roll} 0 0"')
+    robot = import_with(write_rows(arm)).loaded.robot
+    numeric = general_arms(bare_cell(robot))["left"]
+    rating = Rating(robot, "left", numeric, pin.SE3.Identity(), pin.SE3.Identity())
+    # About its own level axis the arm turns by 90 degrees, so that the second axis lifts the upper arm.
+    up, down = (np.array([[np.pi / 2, sign, -sign, 0.0, 0.0, 0.0]]) for sign in (1.0, -1.0))
+    heights = [rating.raised(q, 0.8)[0] for q in (up, down)]
+    np.testing.assert_allclose(sorted(heights), [0.0, raised], atol=1e-9)
