@@ -79,7 +79,7 @@ def test_arms_that_do_not_mirror_have_tools_down(
 def test_the_turn_nearest_to_zero_is_preferred(
     row: Row, write_rows: Write, import_with: Import
 ) -> None:
-    """A joint at -1.2 rad and a whole turn beyond, with the same tool pose; the middle of its range is nearer to that."""
+    """A joint at -1.2 rad and a whole turn beyond it, which is nearer to the middle of the range."""
     arm = row("", 0.0).replace('lower="-2.9" upper="2.9"', 'lower="-2" upper="6.28"', 1)
     robot = import_with(write_rows(arm)).loaded.robot
     numeric = general_arms(bare_cell(robot))["left"]
