@@ -169,7 +169,7 @@ class Rating:
             - R[:, 2, 2]
             - 2.0 * norm(p - aim, axis=1) / reach
             + 2.0 * np.minimum(singular, 0.2)
-            - SETTINGS.turned * np.sqrt(np.mean((q / np.pi) ** 2, axis=1))
+            - SETTINGS.turned * np.sqrt(np.mean(np.square(q / np.pi), axis=1))
             - SETTINGS.raised * self.raised(q, shoulder[2]) / reach
         )
 
