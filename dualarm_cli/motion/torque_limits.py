@@ -17,7 +17,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
 from dualarm_cli.model.cell import Held
-from dualarm_cli.model.job import GIVES, TAKES, Job
+from dualarm_cli.model.job import ANY, GIVES, TAKES, Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import Trajectory
@@ -54,7 +54,7 @@ def within_torques(job: Job, motion: Motion) -> tuple[Motion, list[Note]]:
     Motion that follows a belt, a path or a seam has its own time and stays; the verifier judges it.
 
     Args:
-        job: with the arms of all tasks.
+        job: with the tasks of all events.
         motion: of all joints.
 
     Raises:
@@ -96,7 +96,8 @@ def _loads(job: Job, motion: Motion) -> list[PayloadSpan]:
         if tool := job.cell.start_tool(arm):
             taken[True] = (0.0, Held(tool))
         for event in sorted(motion.events, key=lambda event: event.time):
-            task = tasks.get((event.arm, event.task))
+            # A section's order may have chosen the arm of a task that any arm may do.
+            task = tasks.get((event.arm, event.task)) or tasks.get((ANY, event.task))
             if event.arm != arm or task is None:
                 continue
             if event.action in TAKES and (task.is_change or task.part):

@@ -12,13 +12,14 @@ import pytest
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
 from dualarm_cli.model.cell import Cell, Tool
+from dualarm_cli.model.job import ANY
 from dualarm_cli.model.robot import Arm, JointLimits, JointTorques, Robot
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import SETTINGS, within_torques
 
-MASS, LENGTH, GRAVITY, ACCELERATION = 2.0, 0.5, 9.81, 40.0
+MASS, LENGTH, GRAVITY, ACCELERATION, PART = 2.0, 0.5, 9.81, 40.0, 3.0
 URDF = """\
 <robot name="pendulum"><link name="base"/>
 <joint name="swing" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
@@ -43,7 +44,8 @@ def job_of(
     robot = replace(robot, stated_torques=replace(JointTorques.of_effort(effort * ONE), **stated))
     tcp = pin.SE3(np.eye(3), np.array([LENGTH, 0.0, 0.0]))
     tool = Tool(tcp, pin.Inertia(MASS, tcp.translation, np.zeros((3, 3))))
-    cell = Cell(robot, base, {"left": tool}, torque=rule)
+    box = {"box": pin.Inertia(PART, np.zeros(3), np.zeros((3, 3)))}
+    cell = Cell(robot, base, {"left": tool}, torque=rule, parts={"box": ()}, part_inertias=box)
     return SimpleNamespace(cell=cell, tasks=())
 
 
@@ -84,6 +86,17 @@ def test_a_span_is_slowed_as_far_as_its_torque_requires() -> None:
     assert note.startswith(
         "torque: 1 motion between rests is slowed, by up to 100% for swing, together by 0.400 s"
     )
+
+
+@pytest.mark.parametrize("arm", ["left", ANY])
+def test_a_part_counts_whichever_arm_its_task_names(arm: str) -> None:
+    """(M + 3 kg) L² a to a quarter: twice the time of the first swing, also where any arm may pick."""
+    peak = (MASS + PART) * LENGTH**2 * ACCELERATION
+    job = job_of(peak / 4.0 / (1.0 - SETTINGS.reserve))
+    job.tasks = (SimpleNamespace(id="a", arm=arm, tool="", is_change=False, part="box"),)
+    pick = Event(0.0, "left", "a", "pick", "left_tcp", pin.SE3.Identity(), 0.0)
+    motion, _ = within_torques(job, replace(swing(), events=(pick,)))
+    assert motion.trajectory.time[4] == pytest.approx(8 * H)
 
 
 def test_gravity_is_not_slowed_away() -> None:
