@@ -62,11 +62,10 @@ def shortest_blended(
     timing: TimingSolver,
 ) -> ClearedPlan:
     """Blend a plan and its rivals; return the shortest, see `blended_plan`."""
-    best = blended_plan(problem, plan, timing)
+    best = blended_plan(problem, replace(plan, rivals=()), timing)
     for rival in plan.rivals:
-        variant = replace(plan, cleared=rival, rivals=())
         try:
-            blended = blended_plan(problem, variant, timing)
+            blended = blended_plan(problem, rival, timing)
         except InfeasibleError:
             continue
         best = min(best, blended, key=lambda blended: blended.cleared.duration)
@@ -78,6 +77,7 @@ def blended_plan(
     plan: ClearedPlan,
     timing: TimingSolver,
     stopping: Collection[tuple[int, str]] = (),
+    widths: int | None = None,
 ) -> ClearedPlan:
     """Blend the lines and transfers of a plan where that is collision-free.
 
@@ -86,6 +86,7 @@ def blended_plan(
         plan: the plan with stops at every line end.
         timing: solver that times motions.
         stopping: transfers that stay at rest at both ends, as (stage they lead to, arm).
+        widths: number of step widths for the refinement of launches; that of the effort by default.
     """
     model, job, cache = problem.model, problem.job, plan.cache
     drive = Drive.of(model, job, timing, cache)
@@ -93,7 +94,7 @@ def blended_plan(
     before = plan.cleared.motion
     through = passed_targets(drive, plan.cleared.plans, stopping)
     passing = with_passed_targets(drive, plan.cleared.plans, through)
-    widths = problem.settings.widths
+    widths = problem.settings.widths if widths is None else widths
     launches = dict(passing_launches(drive, passing, stopping, widths))
     colliding_stages: list[int] = []
     while launches or through:
@@ -135,6 +136,47 @@ def blended_plan(
     )
     motion = replace(motion, stages=stages, gain=gain)
     return replace(plan, cleared=TimedPlan(plans, motion), stopping=plan.cleared)
+
+
+def refined_plan(problem: MethodProblem, plan: ClearedPlan, timing: TimingSolver) -> ClearedPlan:
+    """Refine a plan by its method; return the shorter of both as they are driven.
+
+    Args:
+        problem: the problem that the plan solves.
+        plan: a collision-free plan, blended if the problem allows it.
+        timing: solver that times motions.
+    """
+    refine, clearing = plan.decided.refined, plan.clearing(problem, timing)
+    if refine is None:
+        return plan
+    model, job, kept, best = problem.model, problem.job, set[int](), plan
+    for attempt in range(problem.settings.search.refinements):
+        before = best.stopping or best.cleared
+        stages = refine(before.plans, plan.holding, kept, attempt)
+        try:
+            refined = TimedPlan(stages, realise(model, job, stages, timing, plan.cache))
+        except InfeasibleError:
+            break
+        failed = clearing.colliding_stages(stages, refined.motion) if clearing is not None else []
+        if not failed:
+            # The cost of clearance is that of the plans before refinement.
+            unchecked = refined.duration - (plan.cost or 0.0)
+            tried = replace(plan, cleared=refined, unchecked=unchecked, stopping=None)
+            if problem.blends:
+                tried = blended_plan(problem, tried, timing)
+            if tried.cleared.duration < best.cleared.duration:
+                best = tried
+                continue
+            # The search's times of lines and transfers are estimates.
+            spans = zip(tried.cleared.motion.stages, best.cleared.motion.stages, strict=True)
+            growth = [(new.end - new.start) - (old.end - old.start) for new, old in spans]
+            failed = [max(range(len(growth)), key=growth.__getitem__)]
+        kept.update(stage for k in failed for stage in (k - 1, k))
+    if best.stopping is None:
+        return best
+    widths = problem.settings.sequence.refinement.widths
+    closer = blended_plan(problem, replace(best, cleared=best.stopping), timing, widths=widths)
+    return min(best, closer, key=lambda candidate: candidate.cleared.duration)
 
 
 def _with_detours_in_motion(

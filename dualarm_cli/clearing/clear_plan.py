@@ -18,6 +18,7 @@ import numpy as np
 
 from dualarm_cli.clearing.blended_plan import (
     blended_plan,
+    refined_plan,
     shortest_blended,
     with_room,
 )
@@ -76,7 +77,7 @@ def quickest_clear(
             raise InfeasibleError(*faults)
     loop = ClearanceLoop(problem, solve, timing, progress, holding)
     if not problem.blends:
-        return loop.run()
+        return refined_plan(problem, loop.run(), timing)
 
     def chosen_for_stops() -> ClearedPlan:
         plan = replace(loop, problem=replace(problem, blending=STOPPING)).run()
@@ -88,10 +89,11 @@ def quickest_clear(
     blended = shortest_blended(problem, stopping, timing)
     plan = blended.cleared
     if (plan.motion.gain or 0.0) > problem.settings.clearing.sufficient_gain * plan.duration:
-        return blended
+        return refined_plan(problem, blended, timing)
     # Where blending gains little, postures chosen for stops may be quicker.
     rival = shortest_blended(problem, chosen_for_stops(), timing)
-    return min(blended, rival, key=attrgetter("cleared.duration"))
+    shorter = min(blended, rival, key=attrgetter("cleared.duration"))
+    return refined_plan(problem, shorter, timing)
 
 
 def quickest_for_stops(
@@ -135,6 +137,8 @@ class ClearanceLoop:
     """Motions timed so far."""
     best: ClearedPlan | None = field(default=None, init=False)
     """Best plan so far; stages of it may be blocked."""
+    clear: list[ClearedPlan] = field(default_factory=list, init=False)
+    """Collision-free plans so far; blending may make any of them the fastest."""
     unchecked: Decided = field(init=False)
     """The method's proposal without collision checking."""
     proposals: list[TimedPlan] = field(init=False)
@@ -146,7 +150,7 @@ class ClearanceLoop:
         return self.problem.settings.clearing
 
     def run(self) -> ClearedPlan:
-        """Run all steps and return the shortest plan.
+        """Run all steps and return the shortest plan, with its rivals if it will be blended.
 
         Raises:
             InfeasibleError: a target is out of reach, or every plan collides.
@@ -155,16 +159,33 @@ class ClearanceLoop:
         self.progress("timing the motion")
         self.proposals = self._time(self.unchecked)
         if self.holding is None:
-            fastest, *others = self.proposals
-            plan = self._cleared(self.unchecked, fastest)
-            return replace(plan, rivals=tuple(filter(self._may_win_blended, others)))
+            self.clear = [self._cleared(self.unchecked, plan) for plan in self.proposals]
+            return self._with_rivals(self.clear[0])
         if final := self._repair_unchecked():
-            return final
+            return self._with_rivals(final)
         decided, failure = self._replan()
         best = self._compare_simpler(decided)
         if best is None or best.cleared.blocked:
             raise failure or self._explain_blocked()
-        return self._compare_less_effort(best)
+        return self._with_rivals(self._compare_less_effort(best))
+
+    def _with_rivals(self, best: ClearedPlan) -> ClearedPlan:
+        """Join the shortest plan with the other collision-free plans that may win when blended.
+
+        Without collision checking the shortest plan of all would be possible, too: no plan is shorter than unchecked.
+        """
+        shortest = best.cleared.duration
+        unchecked = min(shortest, *(plan.unchecked for plan in (best, *self.clear)))
+        different = [best]
+        for plan in self.clear:
+            stages = plan.cleared.plans
+            if self._may_win_blended(plan.cleared, shortest) and not any(
+                stages is kept.cleared.plans or same_postures(stages, kept.cleared.plans)
+                for kept in different
+            ):
+                different.append(plan)
+        best, *rivals = (replace(plan, unchecked=unchecked) for plan in different)
+        return replace(best, rivals=tuple(rivals))
 
     @cached_property
     def clearing(self) -> Clearing:
@@ -195,24 +216,25 @@ class ClearanceLoop:
         reference = self.proposals[0].duration
         return ClearedPlan(decided, plan, reference, replanned, self.holding, self.cache)
 
-    def _may_win_blended(self, plan: TimedPlan) -> bool:
-        """Return whether an unchecked plan may be the shortest one when blended."""
-        limit = (1.0 + self.settings.blending_rival) * self.proposals[0].duration
-        return self.problem.blends and plan.duration <= limit
+    def _may_win_blended(self, plan: TimedPlan, shortest: float) -> bool:
+        """Return whether a plan may be the shortest one when blended."""
+        return self.problem.blends and plan.duration <= shortest * (
+            1.0 + self.settings.blending_rival
+        )
 
     def _repair_unchecked(self) -> ClearedPlan | None:
         """Repair the unchecked plans, fastest first; return the best if it is final."""
-        best, collision_free = None, list[TimedPlan]()
+        best, shortest = None, self.proposals[0].duration
         for plan in self.proposals:
             is_slower = best is not None and best.is_done_within(plan.duration)
-            if is_slower and not self._may_win_blended(plan):
+            if is_slower and not self._may_win_blended(plan, shortest):
                 break
             colliding_stages = self._colliding_stages(plan)
             is_repairable = len(colliding_stages) <= max(
                 1, self.settings.repairable_stages * len(plan.plans)
             )
             if not colliding_stages:
-                collision_free.append(plan)
+                self.clear.append(self._cleared(self.unchecked, plan))
                 best = _better(best, plan)
             elif not is_slower and is_repairable:
                 count, total = len(colliding_stages), len(plan.plans)
@@ -221,9 +243,13 @@ class ClearanceLoop:
         if best is None:
             return None
         self.best = self._cleared(self.unchecked, best)
-        if self.best.costs_more_than(self.settings.negligible_cost):
-            return None
-        return replace(self.best, rivals=tuple(plan for plan in collision_free if plan is not best))
+        self._keep(self.best)
+        return None if self.best.costs_more_than(self.settings.negligible_cost) else self.best
+
+    def _keep(self, plan: ClearedPlan) -> None:
+        """Keep a collision-free plan for blending."""
+        if not plan.cleared.blocked:
+            self.clear.append(plan)
 
     def _replan(self) -> tuple[Decided, InfeasibleError | None]:
         """Plan with collision checking, round by round, until nothing new is learned.
@@ -269,8 +295,10 @@ class ClearanceLoop:
         if not problem.repair_touching_stops:
             refuse_touching_lines(self.clearing, plans[0])
         repaired = self._shortest_repaired(plans)
+        cleared = self._cleared(decided, repaired, replanned=True)
+        self._keep(cleared)
         if self.best is None or repaired.rank < self.best.cleared.rank:
-            self.best = self._cleared(decided, repaired, replanned=True)
+            self.best = cleared
         no_goods = [*self._expensive_repairs(repaired), *self._blocked_stages(repaired)]
         # Only a method over the whole sequence uses no-goods.
         if (
@@ -369,8 +397,8 @@ class ClearanceLoop:
             rival = replace(self, problem=replace(self.problem, effort=less)).run()
         except InfeasibleError:
             return best
-        shorter = min(best, rival, key=attrgetter("cleared.rank"))
-        return replace(shorter, unchecked=min(best.unchecked, rival.unchecked))
+        self.clear += replace(rival, rivals=()), *rival.rivals
+        return min(best, rival, key=attrgetter("cleared.rank"))
 
 
 def _better(best: TimedPlan | None, candidate: TimedPlan) -> TimedPlan:

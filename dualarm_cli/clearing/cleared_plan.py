@@ -23,7 +23,6 @@ _note = NoteTable(
     detour="{arm} makes a detour in stage {stages:*}",
     detours="{arm} makes {stages:#|#} detours (stages {stages:*, })",
     longer="this costs {seconds:.3f} s",
-    shorter="it is {seconds:.3f} s shorter: the method does not always find the fastest plan",
     expensive="clearance costs {share:.0%} of the cycle time: other methods (`dualarm compare solvers`) or another "
     "cell layout may be faster",
 )
@@ -51,7 +50,7 @@ class ClearedPlan:
     """Bodies that must not collide; None disables collision checking."""
     cache: MotionCache = field(default_factory=MotionCache, compare=False, repr=False)
     """Motions timed so far."""
-    rivals: tuple[TimedPlan, ...] = field(default=(), compare=False, repr=False)
+    rivals: tuple[ClearedPlan, ...] = field(default=(), compare=False, repr=False)
     """Slower collision-free plans that blending may make the fastest."""
     stopping: TimedPlan | None = field(default=None, compare=False, repr=False)
     """The plan with all stops before blending; None before blending."""
@@ -98,9 +97,9 @@ def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[Note]:
     done = [_note("replanned"), *changed] if replanned else changed
     costs = [plan.cost for plan, _ in parts if plan.cost is not None]
     cost, unchecked = sum(costs), sum(plan.unchecked for plan, _ in parts)
-    if not costs or (not done and abs(cost) < 5e-4):
+    if not costs or (not done and cost < 5e-4):
         return []
-    effect = _note("shorter" if cost < 0.0 else "longer", seconds=abs(cost))
+    effect = _note("longer", seconds=cost)
     details = {"done": done or [_note("slower")], "unchecked": unchecked}
     notes = [_note("done", **details, effect=effect)]
     if cost > 0.25 * unchecked:

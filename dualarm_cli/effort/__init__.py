@@ -310,7 +310,7 @@ class EffortSettings:
     widths: int = 1
     """Number of step widths for the refinement of launches."""
     short_stops: int = 24
-    """Number of stops up to which a job is planned with less effort, too."""
+    """Number of stops up to which a job in an open order is planned with less effort, too."""
     sequence: SequenceSettings = SequenceSettings()
     """Settings of the search over the whole sequence."""
     clearing: ClearanceSettings = ClearanceSettings()
@@ -364,7 +364,12 @@ EFFORTS: Mapping[str, EffortSettings] = {
         clocks=FreeEffort(glance=150, iterations=6000, angles=3, proof=4.0),
         epochs=EpochEffort(sets=8, moves=60, glance=40, close=2000),
         search=SearchEffort(
-            meshes=(COARSE,), trial_rounds=4, rounds=3, cycles_in_long=2, for_few=FINE
+            meshes=(COARSE,),
+            trial_rounds=4,
+            rounds=3,
+            cycles_in_long=2,
+            refinements=2,
+            for_few=FINE,
         ),
         bound=Resolution(step=np.radians(9.0), arm_angles=20, finer=2),
         hopeless_orders=4,
@@ -399,6 +404,8 @@ EFFORTS: Mapping[str, EffortSettings] = {
             cycles_in_long=4,
             passing_rounds=4,
             rivals=6,
+            refinements=4,
+            refinement_rounds=24,
             local_rounds=2,
             near=replace(NEAR, width=160),
             begun=np.inf,

@@ -99,6 +99,10 @@ class SearchEffort:
     """Number of polishing rounds in each cycle."""
     rivals: int = 0
     """Number of other plans polished in the same cycles, and combined."""
+    refinements: int = 0
+    """Number of refinements of the collision-free plan, each checked exactly."""
+    refinement_rounds: int = 8
+    """Rounds of random steps in each refinement; more for short sequences."""
     for_few: tuple[Mesh, ...] = ()
     """Further grids for short sequences."""
     local: Mesh = LOCAL
@@ -146,6 +150,7 @@ class SearchEffort:
             cycles=cycles,
             random_steps=self.random_steps * factor,
             local=local,
+            refinement_rounds=self.refinement_rounds * min(factor, 2),
             local_rounds=self.local_rounds * factor,
             plans=self.plans * factor,
         )
@@ -162,10 +167,32 @@ class SearchEffort:
             meshes=(self.for_few if few else self.meshes)[:1],
             trial_rounds=max(1, self.trial_rounds // 2),
             rounds=max(self.rounds, SCALING.min_rounds),
+            refinement_rounds=self.refinement_rounds // 2,
             cycles=self.cycles if stages <= SCALING.short else self.cycles_in_long,
             plans=max(2, self.plans),
             local_rounds=max(1, self.local_rounds),
         )
+
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """Random steps that refine a collision-free plan with the launches that suit it.
+
+    At 12 stages 60 rounds shorten plans of normal effort by 0.9 to 1.6 % in 1.5 s; half of that is gained in 8 rounds.
+    """
+
+    steps: int = 4
+    """Number of random steps of each round, in all stages."""
+    largest_step: float = 0.2
+    """Largest standard deviation of a step [rad]."""
+    halvings: int = 7
+    """Number of standard deviations, each half of the one before."""
+    moved: float = 0.5
+    """Fraction of the variables that a step moves."""
+    renewal: int = 4
+    """Number of rounds after which the launches are chosen again."""
+    widths: int = 6
+    """Number of step widths for the refinement of the final launches."""
 
 
 @dataclass(frozen=True)
@@ -204,6 +231,8 @@ class SequenceSettings:
     """Maximum change of the arm angle along a line [half steps]."""
     thorough_angles: int = 3
     """Number of platform angles up to which general arms sample the whole self-motion."""
+    refinement: RefinementSettings = RefinementSettings()
+    """Random steps that refine the collision-free plan."""
     general_node_share: float = 0.5
     """Fraction of a grid's nodes that is searched for arms without closed forms."""
     general_sideways: tuple[float, ...] = (0.5, -0.5, 1.0, -1.0)

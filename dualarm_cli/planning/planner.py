@@ -186,11 +186,11 @@ ROUTES: Mapping[Route, Callable[[PlannedJob, Watch], Schedule]] = {
 
 
 def _less_efforts(work: PlannedJob) -> list[str]:
-    """List the lower efforts to try for a short job without a time limit."""
-    if sum(len(task.stops) for task in work.job.tasks) > work.effort.short_stops:
-        return []
-    if work.settings.time_limit is not None and not work.job.is_decided:
-        return []
+    """List the lower efforts to try for a decided job, or a short one without a time limit."""
+    if not work.job.is_decided:
+        short = sum(len(task.stops) for task in work.job.tasks) <= work.effort.short_stops
+        if not short or work.settings.time_limit is not None:
+            return []
     efforts = []
     less = less_effort(work.settings.effort)
     while less is not None:
@@ -200,7 +200,7 @@ def _less_efforts(work: PlannedJob) -> list[str]:
 
 
 def _of_less_effort(work: PlannedJob) -> Schedule | None:
-    """Plan a short job with each lower effort; return the fastest plan or None."""
+    """Plan a job with each lower effort; return the fastest plan or None."""
     plans = []
     for effort in _less_efforts(work):
         with suppress(InfeasibleError):

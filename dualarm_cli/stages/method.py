@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import field
 
 from dualarm_cli.effort import EFFORTS, EffortSettings
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -80,6 +81,10 @@ class MethodProblem:
         )
 
 
+Refine = Callable[[Sequence[StagePlan], Holding | None, Collection[int], int], list[StagePlan]]
+"""Refinement of stages, by the bodies that must not collide, the stages that stay and the attempt."""
+
+
 @dataclass(frozen=True)
 class Decided:
     """Result of a planning method."""
@@ -97,5 +102,7 @@ class Decided:
     """Further plans that exact timing may show to be faster."""
     is_infeasible: bool = False
     """Whether every plan on the grid collides at a stop; the plan shows where."""
+    refined: Refine | None = field(default=None, compare=False, repr=False)
+    """Refinement of a collision-free plan; None if the method or its effort has none."""
     simpler: Callable[[], list[list[StagePlan]]] | None = None
     """Plans of simpler methods, computed if clearance is expensive; None if already compared."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures import StopPosture
+from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, same_postures
 from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.refusals import Refusal
@@ -26,7 +29,13 @@ from dualarm_cli.stages.plans.times import (
     start_angle,
     start_joints,
 )
-from dualarm_cli.stages.search.search import SequenceResult, search, search_in_parts, search_near
+from dualarm_cli.stages.search.search import (
+    SequenceResult,
+    refined,
+    search,
+    search_in_parts,
+    search_near,
+)
 from dualarm_cli.stages.search.shared_angles import stages_apart
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
@@ -138,6 +147,46 @@ def _posture(plan: Evaluated, arm: int, stage: int) -> StopPosture:
 
 
 def solve_sequence(problem: MethodProblem) -> Decided:
+    """Plan the whole sequence, see `_solved`, and offer to refine the collision-free plan."""
+    decided = _solved(problem)
+    if not problem.settings.search.refinements or not _is_timed_whole(problem.job):
+        return decided
+    return replace(decided, refined=partial(_refined, problem))
+
+
+def _refined(
+    problem: MethodProblem,
+    stages: Sequence[StagePlan],
+    holding: Holding | None,
+    kept: Collection[int],
+    attempt: int,
+) -> list[StagePlan]:
+    """Shorten a plan by the search's refinement, see `Refine`."""
+    problem = replace(problem, holding=holding, no_goods=())
+    problem, numbers = _within_limits(problem, _numbers(problem))
+    # A transfer that waits or makes a detour keeps both its ends.
+    repaired = {k for k, stage in enumerate(stages) if stage.waits or stage.detours}
+    repaired.update([k - 1 for k in repaired], kept)
+    loose = ~np.isin(np.arange(numbers.stages), list(repaired))
+    before = decisions_of(numbers, problem.model, list(stages))
+    decisions = refined(numbers, before, loose, problem.effort, problem.seed + attempt)
+    plans = stage_plans(problem.model, problem.job, numbers, decisions, "sequence")
+    pairs = zip(plans, stages, strict=True)
+    return [replace(plan, waits=now.waits, detours=now.detours) for plan, now in pairs]
+
+
+def _within_limits(
+    problem: MethodProblem, numbers: SequenceProblem
+) -> tuple[MethodProblem, SequenceProblem]:
+    """Return problem and sequence with the robot's limits; a margin is only a preference."""
+    limits = problem.without_margin
+    if limits is None:
+        return problem, numbers
+    problem = replace(problem, model=limits.model, job=limits.job, without_margin=None)
+    return problem, replace(_numbers(problem), with_margin=numbers.arms)
+
+
+def _solved(problem: MethodProblem) -> Decided:
     """Plan the whole sequence; simpler plans compete as alternatives.
 
     In short sequences, and if its grids have no plan, the search starts from the unrefined plans of every greedy
@@ -156,10 +205,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     short = numbers.stages <= SCALING.short and numbers.launches is not None
     if problem.without_margin is not None and (in_parts or short):
         # Plans with a margin are candidates of the search with the robot's limits.
-        limits = problem.without_margin
-        model, job, with_margin = limits.model, limits.job, numbers.arms
-        problem = replace(problem, model=model, job=job, without_margin=None)
-        numbers = replace(_numbers(problem), with_margin=with_margin)
+        problem, numbers = _within_limits(problem, numbers)
+        model, job = problem.model, problem.job
     # Long orders come with a plan that the slow simpler methods do not reach.
     long = len(job.stages()) > numbers.settings.given_stages
     given = problem.start is not None and long and spares
@@ -230,13 +277,10 @@ def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[li
 def _numbers(problem: MethodProblem) -> SequenceProblem:
     """Build the sequence problem, with line ends in motion if the search supports that."""
     job = problem.job
-    stops = [stop for task in job.tasks for stop in task.stops]
-    # The search supports neither tool speed limits nor conveyors.
-    is_supported = job.tool_speed is None and all(stop.belt is None for stop in stops)
-    lines = any(stop.approach or stop.retract for stop in stops)
+    lines = any(stop.approach or stop.retract for task in job.tasks for stop in task.stops)
     numbers = sequence_problem(problem.model, job, problem.holding, problem.no_goods)
     numbers = replace(numbers, settings=problem.settings.sequence)
-    if not (problem.blends and is_supported and lines):
+    if not (problem.blends and _is_timed_whole(job) and lines):
         return numbers
     if problem.without_margin is not None:
         limits = problem.without_margin.job.limits
@@ -245,6 +289,12 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
         )
         numbers = replace(numbers, arms=tuple(arms))
     return replace(numbers, launches=default_launches(numbers))
+
+
+def _is_timed_whole(job: Job) -> bool:
+    """Return whether the search's times are those of the plan: no tool speed limit, no conveyor."""
+    belts = any(stop.belt is not None for task in job.tasks for stop in task.stops)
+    return job.tool_speed is None and not belts
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:

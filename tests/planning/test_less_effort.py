@@ -1,4 +1,4 @@
-"""Short jobs are planned with less effort as well: the shorter plan is taken."""
+"""Jobs in a given order, and short ones, are planned with less effort as well: the shorter plan is taken."""
 
 from __future__ import annotations
 
@@ -124,6 +124,15 @@ def test_long_jobs_and_searches_with_a_time_limit_are_planned_once(chosen, job, 
     durations = {"quick": 2.0, "normal": 3.0}
     plan, asked = chosen(long, durations, PlanSettings(effort="normal", time_limit=limit))
     assert (plan.duration, asked) == (3.0, ["normal"])
+
+
+@pytest.mark.parametrize("effort", ["normal", "thorough"])
+def test_long_jobs_in_a_given_order_take_no_longer_with_more_effort(chosen, job, effort):
+    """As short ones: 52 stops at least are planned with each effort up to the one asked for."""
+    durations = {"quick": 2.0, "normal": 3.0, "thorough": 2.5}
+    durations = dict(list(durations.items())[: 2 + (effort == "thorough")])
+    plan, asked = chosen(replace(job, tasks=job.tasks * 13), durations, PlanSettings(effort=effort))
+    assert (plan.duration, sorted(asked)) == (2.0, sorted(durations))
 
 
 def test_a_time_limit_has_no_effect_where_the_file_fixes_the_order(chosen, job):

@@ -11,6 +11,7 @@ neighbouring transfer of the same arm, hand-overs and the return. Our own.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -22,6 +23,7 @@ from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.times import (
     Evaluated,
     TransferChain,
+    evaluate,
     platform_times,
     start_angle,
     start_joints,
@@ -52,6 +54,15 @@ def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
         passes[0, 0] = False
     passes[problem.handover_stages] = False
     return passes
+
+
+def with_best_launches(
+    problem: SequenceProblem, plan: Evaluated
+) -> tuple[SequenceProblem, Evaluated]:
+    """Evaluate a plan with the launches that suit it best; at rest if the problem has none."""
+    if problem.launches is not None:
+        problem = replace(problem, launches=best_launches(problem, plan))
+    return problem, evaluate(problem, plan.decisions)
 
 
 def best_launches(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, ...]:

@@ -13,7 +13,7 @@ from dualarm_cli.effort import EFFORTS
 from dualarm_cli.effort.stages import SCALING, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.launches import best_launches
+from dualarm_cli.stages.plans.launches import with_best_launches
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
@@ -164,14 +164,6 @@ def polished_thoroughly(
     return polished(range(1, how.cycles), [evaluate(at_rest.problem, best.decisions)])[0]
 
 
-def with_best_launches(
-    problem: SequenceProblem, plan: Evaluated
-) -> tuple[SequenceProblem, Evaluated]:
-    """Evaluate a plan with the launches that suit it best."""
-    moving = replace(problem, launches=best_launches(problem, plan))
-    return moving, evaluate(moving, plan.decisions)
-
-
 def polished_in_motion(
     polishing: Polishing, how: SearchEffort, cycles: range, plans: Sequence[Evaluated]
 ) -> list[Evaluated]:
@@ -188,6 +180,31 @@ def polished_in_motion(
             best = moved.polished(start, how.passing_rounds, how.random_steps)
         polished.append(evaluate(polishing.at_rest.problem, best.decisions))
     return polished
+
+
+def refined(
+    problem: SequenceProblem, decisions: Decisions, loose: BoolArray, effort: str, seed: int
+) -> Decisions:
+    """Polish a plan by random steps, timed with the launches that suit it best.
+
+    Stops that lack the search's clearance stay, because the exact test has accepted them.
+
+    Args:
+        problem: the sequence.
+        decisions: the plan.
+        loose: flags of stages that may change, shape (n,).
+        effort: one of EFFORTS.
+        seed: seed of the random steps.
+    """
+    rounds = search_effort(problem, effort).refinement_rounds
+    for part in _with_room(problem):
+        plan = evaluate(replace(part, launches=None), decisions)
+        if np.isfinite(plan.total):
+            stays = np.flatnonzero(~plan_clearance(part, plan).stops)
+            free = loose & ~np.isin(np.arange(part.stages), stays)
+            part = part if part.clearance is None else _settled(part, stays.tolist())
+            return Polishing(part, seed, free).refined(plan, rounds).decisions
+    return decisions
 
 
 def search_in_parts(

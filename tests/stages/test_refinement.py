@@ -1,0 +1,92 @@
+"""Refinement of collision-free plans: small and large random steps with the launches that suit the postures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dualarm_cli import effort
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.plans.launches import default_launches, with_best_launches
+from dualarm_cli.stages.search.polish import Polishing
+from dualarm_cli.stages.search.search import search
+from dualarm_cli.stages.sequence import solve_sequence
+from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.verification import verify
+
+
+@pytest.fixture(scope="module", params=["lines in motion", "stops"])
+def sequence(request, random_job):
+    """A sequence with lines that pass their ends in motion or stop there, and a plan from rest to rest."""
+    job = random_job(5, (5, 4), line=0.08, dwell=0.1, returns=True)
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    plan = search(problem, [], "quick", 0).best
+    if request.param == "lines in motion":
+        problem = replace(problem, launches=default_launches(problem))
+    return problem, plan
+
+
+def test_refinement_shortens_the_plan_as_it_is_timed(sequence):
+    """Compared with the best launches of either plan, within joint limits; twice the same is the same."""
+    problem, plan = sequence
+    refined = Polishing(problem, seed=3).refined(plan, 8)
+    again = Polishing(problem, seed=3).refined(plan, 8)
+    before, after = (with_best_launches(problem, each)[1].total for each in (plan, refined))
+    assert after < before
+    assert refined.total == again.total
+    for work, postures in zip(problem.arms, refined.arms, strict=True):
+        active = [k for k, stop in enumerate(work.stops) if stop is not None]
+        for q in (postures.q_approach, postures.q_target, postures.q_retract):
+            assert (q[active] >= work.limits.lower).all()
+            assert (q[active] <= work.limits.upper).all()
+
+
+def test_refinement_leaves_given_stages_as_they_are(sequence):
+    """Stages 0 and 2 keep platform angles and arm angles to the last bit, stage 3 does not."""
+    problem, plan = sequence
+    loose = np.array([False, True, False, True, True])
+    refined = Polishing(problem, loose=loose).refined(plan, 8).decisions
+    same = np.array([refined.angle[k] == plan.decisions.angle[k] for k in range(problem.stages)])
+    assert same[~loose].all()
+    assert not same[loose].all()
+    for given, arm in zip(plan.decisions.arms, refined.arms, strict=True):
+        np.testing.assert_array_equal(arm.psi_target[~loose], given.psi_target[~loose])
+
+
+def test_nothing_to_refine_is_returned_as_it_is(sequence):
+    """No rounds, and no stage that may change."""
+    problem, plan = sequence
+    assert Polishing(problem).refined(plan, 0) is plan
+    assert Polishing(problem, loose=np.zeros(5, dtype=np.bool_)).refined(plan, 8) is plan
+
+
+@pytest.mark.parametrize("blend", ["lines", "none"])
+def test_a_refined_plan_is_shorter_and_collision_free(random_job, monkeypatch, blend):
+    """Against the same effort without refinement, both with the whole cell; the verifier passes it."""
+    job = random_job(8, (4, 4), line=0.08, dwell=0.1)
+    settings = PlanSettings(effort="quick", blend=blend)
+    before = plan_without_bound(job, settings)
+    quick = effort.EFFORTS["quick"]
+    refining = replace(quick, search=replace(quick.search, refinements=2))
+    monkeypatch.setitem(effort.EFFORTS, "quick", refining)
+    after = plan_without_bound(job, settings)
+    assert after.duration < before.duration
+    assert after.clearance_cost >= 0.0
+    assert verify(after, job, clearance=True).passed
+
+
+@pytest.mark.parametrize(
+    ("effort_name", "capped"), [("normal", False), ("normal", True), ("quick", False)]
+)
+def test_plans_are_refined_where_the_effort_says_so_and_times_are_known(
+    random_job, effort_name, capped
+):
+    """Not at quick effort, and not with a limit of the tools' speed, which the search does not time."""
+    job = replace(random_job(8, (2, 2), line=0.08), tool_speed=0.8 if capped else None)
+    problem = MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle", effort=effort_name)
+    assert (solve_sequence(problem).refined is None) == (capped or effort_name == "quick")
