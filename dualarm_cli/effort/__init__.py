@@ -310,7 +310,7 @@ class EffortSettings:
     widths: int = 1
     """Number of step widths for the refinement of launches."""
     short_stops: int = 24
-    """Number of stops up to which a job in an open order is planned with less effort, too."""
+    """Number of stops up to which open orders are planned with less effort, too."""
     sequence: SequenceSettings = SequenceSettings()
     """Settings of the search over the whole sequence."""
     clearing: ClearanceSettings = ClearanceSettings()

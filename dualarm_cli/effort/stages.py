@@ -182,7 +182,7 @@ class RefinementSettings:
     """
 
     steps: int = 4
-    """Number of random steps of each round, in all stages."""
+    """Number of random steps in each round; each moves every stage."""
     largest_step: float = 0.2
     """Largest standard deviation of a step [rad]."""
     halvings: int = 7

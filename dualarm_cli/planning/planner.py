@@ -186,7 +186,7 @@ ROUTES: Mapping[Route, Callable[[PlannedJob, Watch], Schedule]] = {
 
 
 def _less_efforts(work: PlannedJob) -> list[str]:
-    """List the lower efforts to try for a decided job, or a short one without a time limit."""
+    """List the lower efforts to try: for decided jobs, and short ones without limit."""
     if not work.job.is_decided:
         short = sum(len(task.stops) for task in work.job.tasks) <= work.effort.short_stops
         if not short or work.settings.time_limit is not None:

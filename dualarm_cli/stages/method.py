@@ -82,7 +82,10 @@ class MethodProblem:
 
 
 Refine = Callable[[Sequence[StagePlan], Holding | None, Collection[int], int], list[StagePlan]]
-"""Refinement of stages, by the bodies that must not collide, the stages that stay and the attempt."""
+"""Refinement of a plan's stages.
+
+Arguments are the stages, the bodies that must not collide (or None), the stages that stay, and the attempt.
+"""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
 def with_best_launches(
     problem: SequenceProblem, plan: Evaluated
 ) -> tuple[SequenceProblem, Evaluated]:
-    """Evaluate a plan with the launches that suit it best; at rest if the problem has none."""
+    """Evaluate a plan with its best launches, or at rest if the problem has none."""
     if problem.launches is not None:
         problem = replace(problem, launches=best_launches(problem, plan))
     return problem, evaluate(problem, plan.decisions)

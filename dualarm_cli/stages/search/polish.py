@@ -94,9 +94,8 @@ class Polishing:
         problem, best = with_best_launches(self.problem, start)
         first, renewed = best, best
         for k in range(1, rounds + 1):
-            scale = settings.largest_step * 0.5 ** random.integers(
-                settings.halvings, size=(size[0], 1)
-            )
+            halved = random.integers(settings.halvings, size=(settings.steps, 1))
+            scale = np.ldexp(settings.largest_step, -halved)
             steps = scale * random.normal(size=size) * (random.random(size) < settings.moved)
             moved = [_within(problem, variables.moved(best.decisions, row)) for row in steps]
             best = combined(problem, Pool.of(problem, best, moved), best)
