@@ -39,7 +39,7 @@ class HomeSettings:
     """Preferred depth of tools below the shoulder, as a fraction of the reach."""
     above: float = 0.25
     """Minimum preferred height of tools above the robot's root, as a fraction of the reach."""
-    turned: float = 2.0
+    turned: float = 1.0
     """Weight of joints far from zero: root mean square of their positions, in half turns."""
     raised: float = 2.0
     """Weight of the height of elbows above shoulders, as a fraction of the reach."""
