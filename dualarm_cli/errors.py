@@ -133,6 +133,11 @@ ALLOWED: Mapping[str, str] = {
     "pointer": "text, such as 'cell:/clearance'",
     "study": "the path of a study file, the name of a bundled job, or a mapping",
     "code": "text, such as 'E610'",
+    "path": "the path of a plan's folder or of its schedule.json",
+    "rate": "a number [Hz]",
+    "time": "a number [s]",
+    "tilt": "a number [rad]",
+    **dict.fromkeys(("height", "step"), "a number [m]"),
 }
 """Allowed values of Python arguments, by name, for messages."""
 

@@ -27,6 +27,7 @@ from dualarm_cli import (
     plan,
     plan_many,
     reach,
+    read_schedule,
     sweep,
     verify,
 )
@@ -34,6 +35,7 @@ from dualarm_cli.cli.run import command_line
 from dualarm_cli.errors import BlockedError, UnknownSolverError
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.files.studies.studies import load_study
+from dualarm_cli.formats import FormatName
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.studies import search
 
@@ -238,6 +240,17 @@ def test_functions_are_those_of_the_commands(tmp_path: Path, found: Plan) -> Non
     assert explain("e610").title in run(command_line(), ["explain", "E610"]).stdout
 
 
+@pytest.mark.parametrize("to", ["csv", "ros2"])
+def test_an_export_is_written_as_often_as_wanted(
+    to: FormatName, tmp_path: Path, found: Plan
+) -> None:
+    """Each folder gets the same files, none of them empty."""
+    made = export(found, to)
+    first, second = (made.write(tmp_path / name) for name in ("first", "second"))
+    for path in first.iterdir():
+        assert path.read_bytes() == (second / path.name).read_bytes() != b""
+
+
 def test_wrong_values_are_refused_by_name(found: Plan) -> None:
     """With what is allowed: numbers outside their range, words that do not exist."""
     for call, message in (
@@ -273,6 +286,12 @@ def test_arguments_of_wrong_types_are_refused_by_name(found: Plan) -> None:
         (lambda: export(job, "csv"), f"plan <Job .*: {is_plan}"),
         (lambda: explain(610), "code 610: must be text, such as 'E610'"),
         (lambda: inverse_kinematics("01_first_pick", "left", pose), f"job '01.*: {is_job}"),
+        (lambda: read_schedule(found), "path <Plan .*: must be the path of a plan's folder"),
+        (lambda: found.schedule.sample("x"), r"rate 'x': must be a number \[Hz\]"),
+        (lambda: found.schedule.tool_pose("left", "1 s"), r"time '1 s': must be a number \[s\]"),
+        (lambda: reach(job, height="80 cm"), r"height '80 cm': must be a number \[m\]"),
+        (lambda: reach(job, tilt="5 deg"), r"tilt '5 deg': must be a number \[rad\]"),
+        (lambda: reach(job, step="5 cm"), r"step '5 cm': must be a number \[m\]"),
         (lambda: sweep(3), "study 3: must be the path of a study file, the name of a bundled job"),
     ):
         with pytest.raises(UsageError, match=message):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import math
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.errors import InputError
+from dualarm_cli.errors import InputError, check_type
 from dualarm_cli.exporting.json_reader import JsonReader
 from dualarm_cli.exporting.schedule_json import FORMAT
 from dualarm_cli.files.robots.urdf import read_urdf
@@ -48,7 +49,9 @@ def read_schedule(path: str | Path) -> Schedule:
 
     Raises:
         InputError: no such file, not JSON, or a member that cannot be understood, with its path.
+        UsageError: an argument of a wrong type.
     """
+    check_type("path", path, str, PathLike)
     path = Path(path)
     file = path / "schedule.json" if path.is_dir() else path
     reader = _Reader(str(file))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Literal
 
 from dualarm_cli.errors import UsageError
@@ -23,6 +23,18 @@ BOTH = "both_arms"
 """Name of the group of all arms."""
 PLATFORM = "platform"
 """Name of the group of a platform with its own controller."""
+
+
+@dataclass(frozen=True)
+class FileParts:
+    """Content of a file in parts, made anew whenever it is read."""
+
+    make: Callable[[], Iterator[bytes]]
+    """Function that yields the parts from the start."""
+
+    def __iter__(self) -> Iterator[bytes]:
+        """Yield the parts."""
+        return self.make()
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
-from dualarm_cli.formats.request import ExportRequest, stamp
+from dualarm_cli.formats.request import ExportRequest, FileParts, stamp
 from dualarm_cli.formats.sampling import Samples
 
 _FLOAT_WITHOUT_POINT = re.compile(r"(?<![\d.])(-?\d+)e")
@@ -17,8 +18,8 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
     """Build `<group>.yaml` and `<group>.json` of each group of joints."""
     contents: dict[str, Iterable[bytes]] = {}
     for group, samples in trajectories(request).items():
-        contents[f"{group}.yaml"] = _yaml(samples, request)
-        contents[f"{group}.json"] = _json(samples, request)
+        contents[f"{group}.yaml"] = FileParts(partial(_yaml, samples, request))
+        contents[f"{group}.json"] = FileParts(partial(_json, samples, request))
     return contents
 
 

@@ -7,13 +7,14 @@ import io
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.compiled import decimals
 from dualarm_cli.exporting.files import EVENTS, SAMPLES, TARGETS
-from dualarm_cli.formats.request import Column, ExportRequest
+from dualarm_cli.formats.request import Column, ExportRequest, FileParts
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import StopKey
 from dualarm_cli.model.joint_motion import SAME_TIME
@@ -44,7 +45,7 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
     """Build the three tables, with samples at the request's rate: [s], [rad], [m]."""
     schedule = request.schedule
     return {
-        SAMPLES: samples_table(schedule, request.rate, request.columns),
+        SAMPLES: FileParts(partial(samples_table, schedule, request.rate, request.columns)),
         EVENTS: [events_table(schedule)],
         TARGETS: [targets_table(schedule)],
     }

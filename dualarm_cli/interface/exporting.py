@@ -43,7 +43,7 @@ class Export:
     """Files of a plan in a format, with the loss of motion between samples."""
 
     files: Mapping[str, Iterable[bytes]]
-    """Contents by file name; they can be read once."""
+    """Contents in parts, by file name."""
     document: dict[str, Any]
     """Content of `export.json`: files, and loss of each joint [SI units]."""
     loss: ExportLoss | None

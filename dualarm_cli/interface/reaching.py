@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 import pinocchio as pin
@@ -62,6 +62,9 @@ def reach(
     """
     cell = robot.cell if isinstance(robot, Job) else robot
     cell = cell if isinstance(cell, Cell) else reach_cell(str(cell))[0]
+    for key, value in (("tilt", tilt), ("height", height), ("step", step)):
+        if value is not None:
+            check_type(key, value, SupportsFloat)
     if not abs(tilt) <= math.radians(MAX_TILT):
         raise UsageError(
             f"tilt {math.degrees(tilt):g} deg: must be between -{MAX_TILT:g} and {MAX_TILT:g} deg"

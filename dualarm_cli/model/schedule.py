@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import cached_property, lru_cache
 from importlib import import_module
-from typing import Any, Literal
+from typing import Any, Literal, SupportsFloat
 
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.errors import MissingDependencyError, UsageError
+from dualarm_cli.errors import MissingDependencyError, UsageError, check_type
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
@@ -340,6 +340,7 @@ class Schedule(ShownInNotebooks):
         Raises:
             UsageError: a rate that is not above 0, not finite, or above the limit that an export has too.
         """
+        check_type("rate", rate, SupportsFloat)
         if not 0.0 < rate < math.inf:
             raise UsageError(f"rate {rate:g}: must be above 0 Hz")
         if reason := too_many_samples(self.duration, rate):
@@ -394,6 +395,7 @@ class Schedule(ShownInNotebooks):
             raise UsageError(f"arm {arm!r}: {self.robot.name} has {', '.join(self.robot.arms)}")
         if np.ndim(time) > 0:
             raise UsageError(f"time of shape {np.shape(time)}: must be one time [s]")
+        check_type("time", time, SupportsFloat)
         if not 0.0 <= time <= self.duration:
             raise UsageError(f"time {time:g} s: must be from 0 to {self.duration:g} s")
         model, motion, part = (

@@ -45,12 +45,14 @@ def test_byte_order_mark_and_carriage_returns_are_accepted(tmp_path: Path) -> No
 def test_what_is_no_regular_file_is_refused_without_waiting(project: Path) -> None:
     """Pipes, devices, directories, missing files and loops get one line each."""
     os.mkfifo(project / "pipe")
+    (project / "empty").mkdir()
     (project / "loop").symlink_to("loop")
     expected = {
         "pipe": "pipe: E500 is not a regular file (a pipe or a device); save it to a file first",
         "/dev/zero": "/dev/zero: E500 is not a regular file (a pipe or a device); "
         "save it to a file first",
-        ".": ".: E500 is a directory; name a file in it",
+        ".": ".: E500 is a directory; name a file in it: cell.yaml, robot.yaml, tasks.yaml",
+        "empty": "empty: E500 is a directory; name a file in it",
         "none.yaml": "none.yaml: E500 cannot be read: No such file or directory",
         "loop": "loop: E500 cannot be read: Too many levels of symbolic links",
         "a\0b": "'a\\x00b': E500 'a\\x00b' is not the name of a file",

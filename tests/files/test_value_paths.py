@@ -115,8 +115,8 @@ def test_paths_are_shown_as_people_write_them() -> None:
 @pytest.mark.parametrize(
     ("pointer", "message"),
     [
-        ("/base/xyz/3", "a list of 3 has no '3'"),
-        ("/base/xyz/-1", "a list of 3 has no '-1'"),
+        ("/base/xyz/3", "a list of 3 has no '3'; there: 0, 1, 2"),
+        ("/base/xyz/-1", "a list of 3 has no '-1', did you mean '1'? There: 0, 1, 2"),
         ("/bas/xyz", "no 'bas', did you mean 'base'?"),
         ("/clearance/x", "12 has no 'x' in it"),
         ("/base/new/er", "no 'new'; there: xyz"),

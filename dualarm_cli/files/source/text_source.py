@@ -121,7 +121,9 @@ def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
     status = os.fstat(descriptor)
     if stat.S_ISDIR(status.st_mode):
         os.close(descriptor)
-        raise _file_error(name, "is a directory; name a file in it")
+        inside = ", ".join(sorted(entry.name for entry in path.glob("*.yaml"))[:MAX_LISTED])
+        listed = f": {inside}" if inside.isprintable() and inside else ""
+        raise _file_error(name, f"is a directory; name a file in it{listed}")
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(status.st_mode):
             raise _file_error(

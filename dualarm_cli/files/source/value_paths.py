@@ -137,8 +137,8 @@ def from_pointer(data: Any, pointer: str, may_add: bool = False) -> Loc:
             index = int(name) if name.isascii() and name.isdigit() and int(name) < len(data) else -1
             entries = _names(data)
             if index < 0 and name not in entries:
-                guess = did_you_mean(name, entries)
-                raise PathError(f"a list of {len(data)} has no {quote(name)}{guess}")
+                listed = suggest(name, entries, "there")
+                raise PathError(f"a list of {len(data)} has no {quote(name)}{listed}")
             index = index if index >= 0 else entries.index(name)
             loc, data = (*loc, index), data[index]
         elif not isinstance(data, dict):
