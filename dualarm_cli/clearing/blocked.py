@@ -10,6 +10,7 @@ from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import stage_samples
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.errors import BlockedError
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.job import ANY, Job, JointTarget, Stop, Task
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
@@ -18,19 +19,24 @@ MOST_PAIRS = 30
 """Maximum number of body pairs in a message, worst first."""
 
 
+NEAR_POSTURES = 500
+"""Number of random postures in each of which a pair that is never clear lacks clearance."""
+
+
 def start_faults(job: Job, holding: Holding) -> list[Refusal]:
-    """Refuse a start posture with all pairs of bodies that lack clearance.
+    """Refuse bodies that lack clearance in every posture, else those at the start.
 
     Args:
         job: the job, with its start posture.
         holding: bodies that must not collide.
     """
-    if job.start == "free":
-        return []
     lacking = holding.cell.lacking(np.array(job.start_joints), holding.before[0])
+    near = _never_clear(job, holding, lacking)
+    if not near and job.start == "free":
+        return []
     pairs = [
         Refusal("touches", measured=-margin, data={"body_a": body_a, "body_b": body_b})
-        for body_a, body_b, margin in lacking
+        for body_a, body_b, margin in near or lacking
     ]
     if not pairs:
         return []
@@ -39,9 +45,35 @@ def start_faults(job: Job, holding: Holding) -> list[Refusal]:
         "posture": job.start,
         "pairs": pairs[:MOST_PAIRS],
         "rest": f", and {omitted} more pairs" if omitted > 0 else "",
+        "entries": [replace(pair, key="pair_clearance") for pair in pairs[:MOST_PAIRS]],
     }
     place = job.start_place if job.start_place.line else None
-    return [Refusal("start_touches", place, measured=pairs[0].measured, data=details)]
+    key = "never_clear" if near else "start_touches"
+    return [Refusal(key, place, measured=pairs[0].measured, data=details)]
+
+
+def _never_clear(
+    job: Job, holding: Holding, lacking: list[tuple[str, str, float]]
+) -> list[tuple[str, str, float]]:
+    """Find the pairs that lack clearance in every random posture, with the largest margins [m].
+
+    Such are links whose distance their joints hardly change, with a clearance that is wider.
+
+    Args:
+        job: the job.
+        holding: bodies that must not collide.
+        lacking: pairs that lack clearance at the start, with their margins.
+    """
+    robot, random = job.cell.robot, np.random.default_rng(0)
+    low, high = np.maximum(robot.limits.lower, -TURN), np.minimum(robot.limits.upper, TURN)
+    largest = {(body_a, body_b): margin for body_a, body_b, margin in lacking}
+    for _ in range(NEAR_POSTURES):
+        if not largest:
+            return []
+        there = holding.cell.lacking(random.uniform(low, high), holding.before[0])
+        margins = {(body_a, body_b): margin for body_a, body_b, margin in there}
+        largest = {pair: max(largest[pair], margins[pair]) for pair in largest if pair in margins}
+    return [(*pair, margin) for pair, margin in largest.items()]
 
 
 def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into: str) -> Refusal:

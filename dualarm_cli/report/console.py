@@ -287,6 +287,16 @@ def sensitivity_lines(report: dict[str, Any]) -> list[str]:
     entries, cycle = report["sensitivity"], report["cycle_time"]
     if cycle <= 0.0:
         return []
+    if (
+        report["mode"] == "free"
+        and report["assumed_limits"]
+        and not (entries or report["conveyors"])
+    ):
+        slowed = cycle / math.sqrt(0.9)  # accelerations fall by the square, jerks by the cube
+        return [
+            "sensitivity: none for asynchronous arms; with all assumed limits 10 % lower the same motion, slowed, "
+            f"takes {_with_change(slowed, cycle)}"
+        ]
     together = [entry for entry in entries if entry["joint"] is None]
     single = [entry for entry in entries if entry["joint"] is not None]
     lines = []

@@ -102,6 +102,23 @@ def test_check_and_plan_tell_all_faults_with_their_places_before_any_search(
     assert places == ["3", "5", "10"]
 
 
+@pytest.mark.parametrize("head", ["", "start: free\n"])
+def test_links_that_are_never_clear_are_named_with_the_entry_that_helps(job, head):
+    """Links 1 and 3 are never 1 m apart, as 0.42 m of arm is between them; links 1 and 6 are in some postures 0.5 m."""
+    for near, far, count in (("1 m", "0.5 m", 1), ("1 mm", "0.5 mm", 0)):
+        clearances = (
+            f"clearances: [{{between: [left_link_1, left_link_3], clearance: {near}}}, "
+            f"{{between: [left_link_1, left_link_6], clearance: {far}}}]\n"
+        )
+        faults = job_faults(job(GOOD, head, IIWAS + clearances))
+        named = [fault for fault in faults if fault.key == "never_clear"]
+        assert len(named) == count
+        for fault in named:
+            entries = "`clearances: [{between: [left_link_1, left_link_3], clearance: …}]`"
+            assert str(fault).endswith(entries)
+            assert 1.0 > fault.measured > 1.0 - 0.42
+
+
 @pytest.mark.parametrize(
     ("task", "head", "wanted"),
     [

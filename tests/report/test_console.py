@@ -15,7 +15,13 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.notes import order_note
 from dualarm_cli.planning.planner import plan
-from dualarm_cli.report.console import blending_lines, result_lines, shown_stages, summary_lines
+from dualarm_cli.report.console import (
+    blending_lines,
+    result_lines,
+    sensitivity_lines,
+    shown_stages,
+    summary_lines,
+)
 from dualarm_cli.report.printable import print_lines
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify
@@ -199,3 +205,18 @@ def test_limits_from_the_maker_have_no_sensitivity(job, schedule):
     report = build_report(known, job)
     assert report["sensitivity"] == []
     assert not [line for line in summary_lines(report) if "10 %" in line]
+
+
+def test_asynchronous_arms_get_the_cycle_of_the_slowed_motion():
+    """0.81 s / sqrt(0.9) = 0.8538 s: 5.4 % longer; nothing where no limit is assumed, or a belt does not wait."""
+    report = {
+        "mode": "free",
+        "cycle_time": 0.81,
+        "sensitivity": [],
+        "assumed_limits": ["left_1"],
+        "conveyors": [],
+    }
+    [line] = sensitivity_lines(report)
+    assert line.endswith("the same motion, slowed, takes 0.854 s (+5.4%)")
+    assert sensitivity_lines(report | {"assumed_limits": []}) == []
+    assert sensitivity_lines(report | {"conveyors": [{}]}) == []
