@@ -239,7 +239,7 @@ _CLEARANCE = {
     "start_touches": "start: in posture '{posture}' {pairs:*, }{rest}; start in another posture (`start: free` "
     "leaves it open), move the obstacle, or, if shapes are wider than the real bodies, list the pairs in "
     "`allowed_contacts`",
-    "never_clear": "in all postures tried {pairs:*, }{rest}; in the cell file give them smaller clearances of their "
+    "never_clear": "in every sampled posture {pairs:*, }{rest}; in the cell file give them smaller clearances of their "
     "own: `clearances: [{entries:*, }]`",
     "pair_clearance": "{{between: [{body_a}, {body_b}], clearance: …}}",
     "part_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, part '{held}' reaches "

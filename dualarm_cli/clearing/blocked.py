@@ -20,7 +20,7 @@ MOST_PAIRS = 30
 
 
 NEAR_POSTURES = 500
-"""Number of random postures in each of which a pair that is never clear lacks clearance."""
+"""Number of random postures that decide whether a pair of bodies is never clear."""
 
 
 def start_faults(job: Job, holding: Holding) -> list[Refusal]:
