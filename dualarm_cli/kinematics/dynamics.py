@@ -115,6 +115,29 @@ class Dynamics:
         rest -= joint.spring + joint.stiffness * q
         return rest, motion + joint.rotor * a, joint.viscous * v
 
+    def linearised(
+        self, q: FloatArray, v: FloatArray, a: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Compute torques (n,) and their derivatives (n, n) by q, v and a.
+
+        Coulomb friction is in the limit.
+
+        Args:
+            q: positions [rad or m], shape (n,).
+            v: velocities, shape (n,).
+            a: accelerations, shape (n,).
+        """
+        back, order, joint = self._back, self._coordinates.order, self._robot.torques
+        at, square = self._coordinates.of(q), np.ix_(back, back)
+        by_q, by_v, by_a = pin.computeRNEADerivatives(
+            self._model, self._data, at, v[order], a[order]
+        )
+        by_a = np.triu(by_a) + np.triu(by_a, 1).T
+        torque = self._data.tau[back] + joint.rotor * a + joint.viscous * v
+        torque -= joint.spring + joint.stiffness * q
+        by_q, by_v = by_q[square] - np.diag(joint.stiffness), by_v[square] + np.diag(joint.viscous)
+        return torque, by_q, by_v, by_a[square] + np.diag(joint.rotor)
+
 
 POSTURES = 400
 """Number of random postures in which the empty robot has to hold itself."""

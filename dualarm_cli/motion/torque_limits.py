@@ -86,7 +86,7 @@ class PayloadSpan:
     """The part in its tool, or the tool."""
 
 
-def _loads(job: Job, motion: Motion) -> list[PayloadSpan]:
+def payload_spans(job: Job, motion: Motion) -> list[PayloadSpan]:
     """List what the arms carry, from event to event."""
     tasks = {(task.arm, task.id): task for task in job.tasks}
     loads, end = [], float(motion.trajectory.time[-1])
@@ -123,7 +123,7 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
     rests = np.flatnonzero(still <= SETTINGS.at_rest)
     edges = np.unique(np.concatenate([[0], rests, [len(still) - 1]]))
     times = trajectory.time[edges]
-    squares, joint, loads = np.ones(len(times) - 1), 0, _loads(job, motion)
+    squares, joint, loads = np.ones(len(times) - 1), 0, payload_spans(job, motion)
     bounds = np.unique([trajectory.time[0], *(t for load in loads for t in (load.start, load.end))])
     models: dict[tuple[PayloadSpan, ...], Dynamics] = {}
     for first, last in zip(bounds, [*bounds[1:], trajectory.time[-1]], strict=True):
@@ -132,8 +132,8 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
         held = [load for load in loads if load.start <= first and load.end >= last]
         key = tuple(replace(load, start=0.0, end=0.0) for load in held)
         if key not in models:
-            models[key] = Dynamics(job.cell, _carried(job, held))
-        time, knot, (q, v, a) = _instants(trajectory, float(first), float(last))
+            models[key] = Dynamics(job.cell, carried_inertias(job, held))
+        time, knot, (q, v, a) = sampled_motion(trajectory, float(first), float(last))
         square, columns = _least_squares(job, models[key], time, (q, v, a), held)
         span = _span(edges, knot)
         worst = int(np.argmax(square))
@@ -154,7 +154,7 @@ def _span(edges: IntArray, knot: IntArray) -> IntArray:
     return np.clip(np.searchsorted(edges, knot, side="right") - 1, 0, len(edges) - 2)
 
 
-def _carried(job: Job, held: Sequence[PayloadSpan]) -> Mapping[str, pin.Inertia]:
+def carried_inertias(job: Job, held: Sequence[PayloadSpan]) -> Mapping[str, pin.Inertia]:
     """Sum the inertias of the arms' loads."""
     total: dict[str, pin.Inertia] = {}
     for load in held:
@@ -163,7 +163,7 @@ def _carried(job: Job, held: Sequence[PayloadSpan]) -> Mapping[str, pin.Inertia]
     return total
 
 
-def _instants(
+def sampled_motion(
     trajectory: Trajectory, start: float, end: float
 ) -> tuple[FloatArray, IntArray, tuple[FloatArray, FloatArray, FloatArray]]:
     """Sample a span at its knots, on both sides of jumps, and between them.

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from dualarm_cli import __version__
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import clearance_notes
+from dualarm_cli.clearing.stage_samples import is_clear, stage_samples
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import with_needs
@@ -19,9 +21,11 @@ from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import within_torques
+from dualarm_cli.motion.torque_shapes import reshaped_within_torques
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.notes import dwell_note, platform_note
 from dualarm_cli.planning.planned_job import PlannedJob
+from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.plans.problem import Decisions
@@ -56,16 +60,25 @@ def decided_plan(
     solve, check = work.method.solve, work.check_collisions
     cleared = quickest(problem, solve, work.timing, watch.report, check_collisions=check)
     stages, motion = cleared.cleared.plans, cleared.cleared.motion
+    motion, reshaped = reshaped_within_torques(job, motion, partial(_is_clear, cleared.holding))
     notes = (
         *job.notes,
         *work.replaced,
         *job_notes(job),
         *platform_notes(work.model, stages),
         *clearance_notes([(cleared, 1)]),
+        *reshaped,
     )
     schedule = schedule_of(job, work.settings, motion, notes)
     schedule = replace(schedule, grid_gap=cleared.decided.grid_gap, clearance_cost=cleared.cost)
     return in_time(schedule, work.job)
+
+
+def _is_clear(holding: Holding | None, motion: Motion, stage: int) -> bool:
+    """Check the clearance of a stage of a motion; without checking it is clear."""
+    if holding is None:
+        return True
+    return is_clear(holding.cell, stage_samples(motion, stage, stage, holding))
 
 
 def schedule_of(
