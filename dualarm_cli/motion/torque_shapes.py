@@ -58,7 +58,7 @@ def reshaped_within_torques(
 
     Args:
         job: with the arms of all tasks.
-        motion: synchronous stages, each of which begins and ends at rest.
+        motion: synchronous stages, in which each arm has a rest.
         is_clear: check of a stage of a motion, by its index.
     """
     if not _may_reshape(job, motion) or not limits_torques(job.cell):
@@ -181,7 +181,7 @@ def _with_shapes(job: Job, motion: Motion, shaped: Mapping[tuple[int, str], _Sha
 
 @dataclass(frozen=True)
 class _Edit:
-    """Change of the motion of a joint group in a stage: a transfer, and the wait at a rest."""
+    """Change of a joint group's motion in a stage: transfer, and wait at a rest."""
 
     rest: float
     """Time at rest at which the wait ends or is inserted [s]."""
@@ -221,7 +221,7 @@ class _Edit:
         if self.inserted > SAME_TIME:
             parts.append(hold(track.joints, track.at(self.rest)[0], self.inserted))
         parts.append(_cut(track, self.rest, stage.end))
-        return concatenate([part for part in parts if part.duration > 0.0])
+        return concatenate([part for part in parts if part.duration > 0.0] or parts[-1:])
 
     def segments(self, old: Sequence[Segment]) -> list[Segment]:
         """Move the segments of an arm; a new wait gets one of its own."""
@@ -263,7 +263,7 @@ def _edits(
 def _rest(
     motion: Motion, track: Trajectory, name: str, stage: Stage, shaped: _Shaped | None
 ) -> tuple[float, float] | None:
-    """Find a time after the transfer at which a group rests, and its wait for the other arm before [s].
+    """Find a rest of a group after its transfer, and the wait before it [s].
 
     Returns None for a group that is never at rest there.
     """

@@ -1,4 +1,4 @@
-"""Transfer of an arm within joint torques, between given states, in a little more than its least time.
+"""Transfer of an arm within joint torques, between given states.
 
 The jerk is constant in equal intervals, so that velocities, accelerations and positions are linear in the jerks.
 Torques are linearised about the last solution: a quadratic program of least jerk is solved again until the torques fit
@@ -37,7 +37,7 @@ class ShapeSettings:
     rate_reserve: float = 2e-3
     """Fraction of velocity limits that is kept, for peaks between knots."""
     room: float = 0.05
-    """Room beside the present motion [rad or m]."""
+    """Room about the range of the present motion [rad or m]."""
     dense: int = 8
     """Number of instants of each interval at which torques are checked."""
 
@@ -47,7 +47,7 @@ SHAPE = ShapeSettings()
 
 @dataclass(frozen=True)
 class TransferEnds:
-    """States of all joints at both ends of a transfer, and the range of its present motion."""
+    """States of all joints at both ends of a transfer, and its range."""
 
     start: tuple[FloatArray, FloatArray, FloatArray]
     """Positions, velocities and accelerations at the start, each (n,)."""
@@ -59,6 +59,10 @@ class TransferEnds:
     """Lowest positions of the present motion [rad or m], shape (n,)."""
     most: FloatArray
     """Highest positions of the present motion [rad or m], shape (n,)."""
+
+
+State = tuple[FloatArray, FloatArray, FloatArray]
+"""Positions, velocities and accelerations."""
 
 
 class _Grid:
@@ -127,9 +131,9 @@ class _Program:
         duration: float,
     ) -> None:
         self._dynamics, self._columns, self._ends = dynamics, columns, ends
-        self._start = tuple(rate[columns] for rate in ends.start)
-        self._end = tuple(rate[columns] for rate in ends.end)
-        self._own = limits.select([limits.joints[column] for column in columns])
+        self._start = _of_arm(ends.start, columns)
+        self._end = _of_arm(ends.end, columns)
+        self._limits = limits.select([limits.joints[column] for column in columns])
         count = SHAPE.intervals
         self._duration = duration
         self._knots = _Grid(duration, np.arange(count + 1) / count)
@@ -157,12 +161,12 @@ class _Program:
 
     def _whole(self, grid: _Grid, jerk: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Complete the motion of the arm by the other joints, which stand."""
-        own = grid.motion(self._start, jerk)
+        arm = grid.motion(self._start, jerk)
         whole = [
-            np.tile(self._ends.start[0], (len(own[0]), 1)),
-            *np.zeros((2, len(own[0]), len(self._ends.start[0]))),
+            np.tile(self._ends.start[0], (len(arm[0]), 1)),
+            *np.zeros((2, len(arm[0]), len(self._ends.start[0]))),
         ]
-        for rate, values in zip(whole, own, strict=True):
+        for rate, values in zip(whole, arm, strict=True):
             rate[:, self._columns] = values
         return whole[0], whole[1], whole[2]
 
@@ -171,14 +175,14 @@ class _Program:
         at_rest, moving, viscous = self._dynamics.torques(*self._whole(self._dense, jerk))
         torque = np.abs(at_rest + moving + viscous)[:, self._columns]
         q, v, a = self._dense.motion(self._start, jerk)
-        own = self._own
+        limits = self._limits
         return bool(
             (torque <= self._effort).all()
-            and (np.abs(v) <= own.velocity).all()
-            and (np.abs(a) <= own.acceleration).all()
-            and (np.abs(jerk) <= own.jerk).all()
-            and (q >= own.lower).all()
-            and (q <= own.upper).all()
+            and (np.abs(v) <= limits.velocity).all()
+            and (np.abs(a) <= limits.acceleration).all()
+            and (np.abs(jerk) <= limits.jerk).all()
+            and (q >= limits.lower).all()
+            and (q <= limits.upper).all()
         )
 
     def _with_exact_end(self, jerk: FloatArray) -> FloatArray:
@@ -193,18 +197,18 @@ class _Program:
 
         Unknowns are jerks in multiples of their limits, joint by joint.
         """
-        n, count, own, ends = len(self._columns), SHAPE.intervals, self._own, self._ends
-        scale = own.jerk
+        n, count, limits, ends = len(self._columns), SHAPE.intervals, self._limits, self._ends
+        scale = limits.jerk
         blocks: list[FloatArray] = []
         lower, upper = [], []
         keep = 1.0 - SHAPE.rate_reserve
         q, v, a = self._knots.motion(self._start, np.zeros((count, n)))
-        room_low = np.maximum(ends.least[self._columns] - SHAPE.room, own.lower)
-        room_high = np.minimum(ends.most[self._columns] + SHAPE.room, own.upper)
+        room_low = np.maximum(ends.least[self._columns] - SHAPE.room, limits.lower)
+        room_high = np.minimum(ends.most[self._columns] + SHAPE.room, limits.upper)
         bounds = (
             (self._knots.q, q, room_low, room_high),
-            (self._knots.v, v, -keep * own.velocity, keep * own.velocity),
-            (self._knots.a, a, -keep * own.acceleration, keep * own.acceleration),
+            (self._knots.v, v, -keep * limits.velocity, keep * limits.velocity),
+            (self._knots.a, a, -keep * limits.acceleration, keep * limits.acceleration),
         )
         for grid, offset, least, most in bounds:
             for joint in range(n):
@@ -255,19 +259,25 @@ class _Program:
         return matrix, -effort - offset, effort - offset
 
 
+def _of_arm(state: State, columns: list[int]) -> State:
+    """Select the state of an arm's joints."""
+    position, velocity, acceleration = state
+    return position[columns], velocity[columns], acceleration[columns]
+
+
 def _solved(
     A: FloatArray, b: FloatArray, G: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray | None:
-    """Solve min |x|² with A x = b, low <= G x <= high and |x| <= 1; None without a solution."""
+    """Solve A x = b, low <= G x <= high, |x| <= 1 for the shortest x."""
     if (low > high).any():
         return None
     size = np.maximum(np.sqrt(np.sum(G * G, axis=1)), 1e-12)
     piqp = plain_piqp()
     solver: Any = piqp.DenseSolver()
-    one = np.ones(A.shape[1])
+    unit = np.ones(A.shape[1])
     solver.settings.eps_abs, solver.settings.eps_rel, solver.settings.max_iter = 1e-8, 1e-9, 60
     solver.setup(
-        np.eye(len(one)), 0.0 * one, A, b, G / size[:, None], low / size, high / size, -one, one
+        np.eye(len(unit)), 0.0 * unit, A, b, G / size[:, None], low / size, high / size, -unit, unit
     )
     if solver.solve() != piqp.PIQP_SOLVED:
         return None

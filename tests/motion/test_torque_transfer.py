@@ -90,13 +90,18 @@ CELL = """\
 dualarm: cell/1
 robot: openarm
 torque: RULE
+obstacles: {table: {box: [0.3, 0.65, 0.04], xyz: [0.275, -0.05, 0.355]}}
+clearance: 5 mm
 tools:
-  left: {tcp: {xyz: [0, 0, 90 mm]}, mass: 3 kg, center_of_mass: [0, 0, 90 mm], shapes: [{sphere: 20 mm, xyz: [0, 0, 45 mm]}]}
-  right: {tcp: {xyz: [0, 0, 90 mm]}, mass: 3 kg, center_of_mass: [0, 0, 90 mm], shapes: [{sphere: 20 mm, xyz: [0, 0, 45 mm]}]}
 """
+TOOL = (
+    "{tcp: {xyz: [0, 0, 0.09]}, mass: 3, center_of_mass: [0, 0, 0.09], "
+    "shapes: [{capsule: {radius: 0.02, length: 0.05}, xyz: [0, 0, 0.045]}]}"
+)
 TASKS = """\
 dualarm: tasks/1
 cell: cell.yaml
+return: true
 defaults: {approach: 25 mm, retract: 25 mm, straight: 25 mm, dwell: 0.15 s}
 tasks:
 """
@@ -104,17 +109,18 @@ tasks:
 
 @pytest.fixture
 def heavy_job(tmp_path):
-    """Writes two picks of each arm with 3 kg tools, with a rule for torques."""
+    """Writes three picks of each arm with 3 kg tools, with a rule for torques."""
 
     def write(rule: str):
+        down = "rpy: [180 deg, 0, 0], free: yaw"
         rows = [
-            f"  - {{id: {arm}{k}, arm: {arm}, pick: {{xyz: [0.2, {side * 0.15 + k * 0.05}, 0.42], "
-            f"rpy: [180 deg, 0, 0], free: yaw}}, place: {{xyz: [0.3, {side * 0.15 + k * 0.05}, 0.42], "
-            "rpy: [180 deg, 0, 0], free: yaw}}\n"
-            for k in range(2)
-            for arm, side in (("left", 1.0), ("right", -1.0))
+            f"  - {{id: {arm}{k}, arm: {arm}, pick: {{xyz: [0.2, {y + k * 0.05}, 0.4], {down}}}, "
+            f"place: {{xyz: [0.3, {y + k * 0.05}, 0.4], {down}}}}}\n"
+            for k in range(3)
+            for arm, y in (("left", 0.1), ("right", -0.3))
         ]
-        (tmp_path / "cell.yaml").write_text(CELL.replace("RULE", rule))
+        tools = "".join(f"  {arm}: {TOOL}\n" for arm in ("left", "right"))
+        (tmp_path / "cell.yaml").write_text(CELL.replace("RULE", rule) + tools)
         (tmp_path / "tasks.yaml").write_text(TASKS + "".join(rows))
         return load(tmp_path / "tasks.yaml")
 
@@ -122,11 +128,11 @@ def heavy_job(tmp_path):
 
 
 def test_heavy_tools_cost_little_time(heavy_job) -> None:
-    """Beyond its efforts without a limit; within them with it, for at most 5 % of the time, and verified."""
+    """Beyond its efforts without a limit; within them with it, for at most 2 % of the time, and verified."""
     free, limited = (plan(heavy_job(rule), effort="quick") for rule in ("checked", "limited"))
     [beyond] = [c for c in free.schedule.verification.checks if c.name == "torque"]
     [within] = [c for c in limited.schedule.verification.checks if c.name == "torque"]
     assert beyond.measured > 1.0
     assert (within.verdict, limited.schedule.verification.passed) == ("passed", True)
-    assert limited.schedule.duration <= 1.05 * free.schedule.duration
+    assert limited.schedule.duration <= 1.02 * free.schedule.duration
     assert any("another shape" in note for note in limited.schedule.notes)
