@@ -268,7 +268,7 @@ def _of_arm(state: State, columns: list[int]) -> State:
 def _solved(
     A: FloatArray, b: FloatArray, G: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray | None:
-    """Solve A x = b, low <= G x <= high, |x| <= 1 for the shortest x."""
+    """Solve for x of least norm: A x = b, low <= G x <= high."""
     if (low > high).any():
         return None
     size = np.maximum(np.sqrt(np.sum(G * G, axis=1)), 1e-12)
