@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import cube
 from dualarm_cli.geometry.linear_systems import solve
 from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.programs import plain_piqp
@@ -82,7 +83,7 @@ class _Grid:
         during, after = np.clip(begun, 0.0, h), np.clip(begun - h, 0.0, None)
         self.a = during
         self.v = during * during / 2.0 + h * after
-        self.q = during**3 / 6.0 + (h * h / 2.0) * after + h * after * after / 2.0
+        self.q = cube(during) / 6.0 + (h * h / 2.0) * after + h * after * after / 2.0
 
     def motion(
         self, start: tuple[FloatArray, FloatArray, FloatArray], jerk: FloatArray

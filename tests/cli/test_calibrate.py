@@ -146,7 +146,7 @@ def test_points_on_a_line_are_3_and_millimetres_without_unit_too(points: Path, c
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--method", "kabsch"], "--method: there is no 'kabsch'"),
+        (["--method", "kabsch"], "method: there is no 'kabsch'"),
         (["--origin", "A"], "only --method frame has an origin"),
         (["--method", "frame", "--origin", "D"], "must be one of the first three points: A, B, C"),
         (["--fit", "tol"], "did you mean 'tool'?"),
