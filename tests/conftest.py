@@ -50,6 +50,8 @@ def pytest_configure(config: pytest.Config) -> None:
 def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Processes that tests start share their bytecode, also where nothing may be written beside the source."""
     with pytest.MonkeyPatch.context() as patch:
+        # Workers of pytest-xdist have the width of the terminal, which tables in pipes keep to.
+        patch.delenv("COLUMNS", raising=False)
         if os.environ.get("PYTHONDONTWRITEBYTECODE"):
             patch.delenv("PYTHONDONTWRITEBYTECODE")
             patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
