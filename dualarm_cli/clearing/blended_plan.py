@@ -156,7 +156,7 @@ def refined_plan(problem: MethodProblem, plan: ClearedPlan, timing: TimingSolver
         try:
             refined = TimedPlan(stages, realise(model, job, stages, timing, plan.cache))
         except InfeasibleError:
-            break
+            continue
         failed = clearing.colliding_stages(stages, refined.motion) if clearing is not None else []
         if not failed:
             # The cost of clearance is that of the plans before refinement.
