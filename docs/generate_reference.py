@@ -8,6 +8,7 @@ code says.
 
 from __future__ import annotations
 
+import ast
 import inspect
 import math
 import types
@@ -16,7 +17,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from types import FunctionType
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
@@ -558,9 +558,7 @@ def _python_page() -> str:
     for name, value in data:
         parts += [f"### `{name}`", _docstring(value)]
         rows = [
-            f"| `{field}` | {_summary(getattr(value, field))} |"
-            for field in vars(value)
-            if not field.startswith("_") and _own(value, field)
+            f"| `{_cell(text)}` | {_cell(meaning)} |" for text, meaning in _python_members(value)
         ]
         if rows:
             parts.append("\n".join(["| member | meaning |", "| --- | --- |", *rows]))
@@ -601,10 +599,26 @@ def _summary(value: object) -> str:
     return " ".join((inspect.getdoc(value) or "").split("\n\n")[0].split())
 
 
-def _own(owner: type, name: str) -> bool:
-    """Returns whether a member is a method or a property with a docstring of its own."""
-    member = inspect.getattr_static(owner, name)
-    return isinstance(member, property | cached_property | classmethod | FunctionType)
+def _python_members(owner: type) -> Iterator[tuple[str, str]]:
+    """Yield each public field, property and method with its types, and its meaning."""
+    tree = ast.parse(inspect.getsource(owner)).body[0]
+    assert isinstance(tree, ast.ClassDef)
+    for node, following in zip(tree.body, [*tree.body[1:], None], strict=True):
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            told = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
+            meaning = str(following.value.value) if told else ""
+            if not node.target.id.startswith("_") and not typing.is_typeddict(owner):
+                name = f"{node.target.id}: {ast.unparse(node.annotation)}"
+                yield name, inspect.cleandoc(meaning).split("\n\n")[0]
+        elif isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+            member = inspect.getattr_static(owner, node.name)
+            returned = ast.unparse(node.returns) if node.returns else "None"
+            if isinstance(member, property | cached_property):
+                yield f"{node.name}: {returned}", _summary(member)
+            else:
+                node.args.args = node.args.args[1:]
+                taken = ast.unparse(node.args).replace("=", " = ")
+                yield f"{node.name}({taken}) -> {returned}", _summary(member)
 
 
 def write(folder: Path) -> None:
