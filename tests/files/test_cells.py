@@ -252,6 +252,15 @@ def test_weights_that_no_body_has_are_refused(
         weighed("{sphere: 50 mm}", keys)
 
 
+def test_a_density_goes_with_a_stated_centre(
+    weighed: Callable[[str, str], pin.Inertia],
+) -> None:
+    """The mass from the volume of a cube of 0.1 m, the centre as stated."""
+    inertia = weighed("{box: [0.1, 0.1, 0.1]}", "density: 1000, center_of_mass: [0, 0, 20 mm]")
+    assert inertia.mass == pytest.approx(1.0, rel=1e-12)
+    assert inertia.lever.tolist() == [0.0, 0.0, 0.02]
+
+
 def test_a_tool_without_solids_weighs_at_its_centre_point(project: Path, change: Change) -> None:
     """As the tiny cell's left tool does; a density has no volume to act on."""
     inertia = load_cell("cell.yaml").cell.tools["left"].inertia

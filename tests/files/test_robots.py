@@ -377,6 +377,17 @@ def test_torques_are_those_of_the_urdf_and_of_the_robot_file(project: Path, chan
     assert torques.stiffness.tolist() == [0.0, 6.0, 0.0, 0.0, 0.0]
 
 
+def test_friction_beyond_the_effort_is_refused(project: Path, change: Change) -> None:
+    """The tiny robot's efforts are 1 N m; half of it is left by derating."""
+    change(
+        "robot.yaml",
+        "postures:",
+        "torques: {l1: {derating: 50 %, coulomb_friction: 0.5}}\npostures:",
+    )
+    with pytest.raises(InputError, match=r"leaves 'l1' nothing of its effort of 0\.5"):
+        load_robot(Path("robot.yaml"))
+
+
 def test_torques_of_unknown_joints_are_refused(project: Path, change: Change) -> None:
     """With the joint that is meant."""
     change("robot.yaml", "postures:", "torques: {l3: {effort: 4}}\npostures:")

@@ -140,8 +140,8 @@ class WeighedSection(Section):
         if self.mass is not None and self.density is not None:
             raise refuse("the mass follows from the density; keep one of the two", "density")
         for key in ("center_of_mass", "inertia"):
-            if getattr(self, key) is not None and not self.mass:
-                raise refuse("it needs a mass; give the mass, too", key)
+            if getattr(self, key) is not None and not (self.mass or self.density):
+                raise refuse("it needs a mass; give mass or density, too", key)
         if self.inertia is not None:
             _check_moments(self.inertia)
         return self

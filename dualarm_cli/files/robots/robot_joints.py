@@ -343,6 +343,14 @@ def joint_torques(
         joint.effort if section.effort is None else section.effort
         for joint, section in zip(joints, sections, strict=True)
     ]
+    for name, section, effort in zip(names, sections, efforts, strict=True):
+        if 0.0 < section.derating * effort <= section.coulomb_friction:
+            key = name if name in model.torques else DEFAULT
+            message = (
+                f"friction of {section.coulomb_friction:g} leaves {quote(name)} nothing of its effort of "
+                f"{section.derating * effort:g}; give less friction or more effort"
+            )
+            findings.add(document, ("torques", key, "coulomb_friction"), message)
     return JointTorques(
         np.array([s.derating for s in sections]) * efforts,
         np.array([math.inf if s.rated_effort is None else s.rated_effort for s in sections]),
