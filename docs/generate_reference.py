@@ -37,7 +37,7 @@ from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.schemas.kinds_of_files import INPUT_FILES
 from dualarm_cli.schemas.result_fields import REPORT, SCHEDULE
-from dualarm_cli.verification.criteria import CRITERIA, Criterion
+from dualarm_cli.verification.measuring.criteria import CRITERIA, Criterion
 
 FOLDER = Path(__file__).parent / "reference"
 ALSO = {"robot": PairSection, "base": Pose}
@@ -486,7 +486,8 @@ def _checks_page() -> str:
         "# Checks",
         "`dualarm verify` prints a row for each check; `schedule.json` and `report.json` have them too. "
         "A check passes if its measure is at most the allowed value. Joints that slide have m in place "
-        "of rad. Most tolerances are those of rounding; `dualarm_cli/verification/tolerances.py` lists all of them.",
+        "of rad. Most tolerances are those of rounding; `dualarm_cli/verification/measuring/tolerances.py` lists "
+        "all of them.",
         "A check that is not made has the verdict `not checked`, and its row says why; the table has the usual reason. "
         "Checks that compare with tasks, and all of kinds of work, need the task file (`--tasks`).",
     ]

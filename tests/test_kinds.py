@@ -73,7 +73,7 @@ CHECKS = '''
 """Whether every screw is driven in for as long as it takes."""
 
 from dualarm_cli.kinds.screw import RATE, ScrewStop
-from dualarm_cli.verification.criteria import Criterion
+from dualarm_cli.verification.measuring.criteria import Criterion
 from dualarm_cli.verification.kind_checks import KindChecks
 from dualarm_cli.verification.tool_checks import Worst
 

@@ -20,7 +20,7 @@ from dualarm_cli.model.job import StopKey
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.verification.as_done import events_by_stage
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 DECIMALS: Mapping[Column, int] = {"position": 9, "velocity": 7, "acceleration": 5}
 """Decimals of [rad], [rad/s] and [rad/s²].

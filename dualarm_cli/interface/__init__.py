@@ -36,7 +36,7 @@ from dualarm_cli.report.printable import printable
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify as judged
 from dualarm_cli.verification.budget_checks import judge_budget
-from dualarm_cli.verification.criteria import criterion, judge
+from dualarm_cli.verification.measuring.criteria import criterion, judge
 from dualarm_cli.verification.robot_checks import check_robot
 
 if TYPE_CHECKING:

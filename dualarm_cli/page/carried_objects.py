@@ -16,9 +16,9 @@ from dualarm_cli.model.job import CHANGES, GIVES, TAKES, Job, PoseTarget, Task
 from dualarm_cli.model.lying import lying_parts
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, drawn, placed, poses_at, tcp
-from dualarm_cli.verification.line_spans import line_spans
 from dualarm_cli.verification.lying_bodies import ExecutedJob
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.line_spans import line_spans
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 STILL = [0.0, 0.0, 0.0]
 

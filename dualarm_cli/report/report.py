@@ -28,8 +28,8 @@ from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.report.stage_parts import StageParts, blending_rows, stage_parts
 from dualarm_cli.verification.budget_checks import judge_budget
+from dualarm_cli.verification.measuring.tolerances import TOL
 from dualarm_cli.verification.motion_checks import jerk_fraction, velocity_extrema
-from dualarm_cli.verification.tolerances import TOL
 
 SHORTEST_CYCLE = 1e-3
 """Shortest cycle with a meaningful throughput [s]."""

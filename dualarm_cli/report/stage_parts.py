@@ -21,7 +21,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.waiting import MOVES, whole_transfers
 from dualarm_cli.records import dataclass, field_values
 from dualarm_cli.timing.spline import largest_rates
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 
 @dataclass(frozen=True)

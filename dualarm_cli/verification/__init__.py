@@ -21,10 +21,11 @@ from dualarm_cli.verification.clearance_checks import (
     check_clearance,
     check_shapes,
 )
-from dualarm_cli.verification.criteria import NO_TASKS, not_checked
 from dualarm_cli.verification.delay_checks import arm_delays, check_skew
 from dualarm_cli.verification.kind_checks import Evidence, Subject
-from dualarm_cli.verification.line_spans import line_spans
+from dualarm_cli.verification.measuring.criteria import NO_TASKS, not_checked
+from dualarm_cli.verification.measuring.line_spans import line_spans
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
     check_finite,
@@ -56,7 +57,6 @@ from dualarm_cli.verification.tool_checks import (
     check_targets,
     check_tool_speed,
 )
-from dualarm_cli.verification.tool_model import ToolModel
 from dualarm_cli.verification.torque_checks import check_torques
 
 S = TypeVar("S")

@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import ANY, AT_STANDS, Job, StopKey, Task
 from dualarm_cli.model.schedule import Event, Schedule, Stage
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.tolerances import TOL
 
 
 def job_as_done(schedule: Schedule, job: Job) -> Job:

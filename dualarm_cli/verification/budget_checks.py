@@ -12,7 +12,7 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.verification import StageClearance
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import check_clearance
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.tolerances import TOL
 
 
 def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:

@@ -32,19 +32,19 @@ from dualarm_cli.verification.clearance_proof import (
     UnprovenError,
     Windows,
 )
-from dualarm_cli.verification.criteria import judge, not_checked
-from dualarm_cli.verification.holding_spans import (
+from dualarm_cli.verification.kind_checks import Touch
+from dualarm_cli.verification.lying_bodies import ExecutedJob, LyingBodies
+from dualarm_cli.verification.measuring.criteria import judge, not_checked
+from dualarm_cli.verification.measuring.holding_spans import (
     Span,
     carrying_spans,
     overlaps,
     spans_on_lines,
     without,
 )
-from dualarm_cli.verification.kind_checks import Touch
-from dualarm_cli.verification.line_spans import LineSpan, line_spans
-from dualarm_cli.verification.lying_bodies import ExecutedJob, LyingBodies
-from dualarm_cli.verification.tolerances import TOL
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.line_spans import LineSpan, line_spans
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 
 def edges_of(schedule: Schedule) -> FloatArray:

@@ -38,11 +38,11 @@ from dualarm_cli.verification.clearance_proof import (
     reaches,
     speeds_within,
 )
-from dualarm_cli.verification.criteria import not_checked
-from dualarm_cli.verification.holding_spans import carrying_spans
-from dualarm_cli.verification.line_spans import LineSpan
-from dualarm_cli.verification.tolerances import TOL
-from dualarm_cli.verification.tool_model import tool_chain
+from dualarm_cli.verification.measuring.criteria import not_checked
+from dualarm_cli.verification.measuring.holding_spans import carrying_spans
+from dualarm_cli.verification.measuring.line_spans import LineSpan
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import tool_chain
 
 SKEW = "skew"
 """Name of the check, which is made only if the job requires a skew."""

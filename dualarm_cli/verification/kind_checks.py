@@ -9,9 +9,9 @@ from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.criteria import Criterion
-from dualarm_cli.verification.line_spans import LineSpan
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.criteria import Criterion
+from dualarm_cli.verification.measuring.line_spans import LineSpan
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 Subject = Literal["lines", "work", "order", "parts"]
 """Subject of a check, in the order of the list of checks.

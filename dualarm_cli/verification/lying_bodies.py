@@ -33,10 +33,10 @@ from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.clearance_proof import Windows
-from dualarm_cli.verification.holding_spans import Span, carrying_spans, overlaps, without
-from dualarm_cli.verification.line_spans import LineSpan, spans_of
-from dualarm_cli.verification.tolerances import TOL
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.holding_spans import Span, carrying_spans, overlaps, without
+from dualarm_cli.verification.measuring.line_spans import LineSpan, spans_of
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 
 @dataclass(frozen=True)

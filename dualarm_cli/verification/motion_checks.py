@@ -11,8 +11,8 @@ from dualarm_cli.model.joint_motion import ALL, JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
-from dualarm_cli.verification.criteria import judge, not_checked
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.criteria import judge, not_checked
+from dualarm_cli.verification.measuring.tolerances import TOL
 
 
 def check_finite(motion: JointMotion) -> Check:

@@ -14,9 +14,9 @@ from dualarm_cli.model.job import Dwell, Job, Task
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification.as_done import in_time, is_change
-from dualarm_cli.verification.criteria import judge, not_checked
-from dualarm_cli.verification.line_spans import LineSpan
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.criteria import judge, not_checked
+from dualarm_cli.verification.measuring.line_spans import LineSpan
+from dualarm_cli.verification.measuring.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst
 
 

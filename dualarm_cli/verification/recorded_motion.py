@@ -26,9 +26,9 @@ from dualarm_cli.model.verification import COLLISIONS, Check, StageClearance, Ve
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import check_clearance
-from dualarm_cli.verification.criteria import judge, not_checked
-from dualarm_cli.verification.tolerances import TOL
-from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
+from dualarm_cli.verification.measuring.criteria import judge, not_checked
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel, rotation_angle
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check
-from dualarm_cli.verification.criteria import judge
-from dualarm_cli.verification.tolerances import TOL
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.criteria import judge
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 USABLE = ("finite", "time")
 """Checks that a usable schedule has to pass."""

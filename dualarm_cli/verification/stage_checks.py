@@ -12,10 +12,10 @@ from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.as_done import contains, events_by_stage, in_time, stages_of_arm
-from dualarm_cli.verification.criteria import judge, not_checked
-from dualarm_cli.verification.dense_times import dense_times
-from dualarm_cli.verification.line_spans import LineSpan
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.criteria import judge, not_checked
+from dualarm_cli.verification.measuring.dense_times import dense_times
+from dualarm_cli.verification.measuring.line_spans import LineSpan
+from dualarm_cli.verification.measuring.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst
 
 NAME = "segment_kinds"

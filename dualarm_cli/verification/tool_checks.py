@@ -15,11 +15,11 @@ from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.criteria import judge, not_checked
-from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans, tool_spans
-from dualarm_cli.verification.line_spans import LineSpan
-from dualarm_cli.verification.tolerances import TOL
-from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
+from dualarm_cli.verification.measuring.criteria import judge, not_checked
+from dualarm_cli.verification.measuring.dense_times import AT_ONCE, dense_spans, tool_spans
+from dualarm_cli.verification.measuring.line_spans import LineSpan
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel, rotation_angle
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
 from dualarm_cli.notes import listed
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.criteria import NO_TASKS, judge, not_checked
-from dualarm_cli.verification.holding_spans import carrying_spans
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.criteria import NO_TASKS, judge, not_checked
+from dualarm_cli.verification.measuring.holding_spans import carrying_spans
+from dualarm_cli.verification.measuring.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst
 
 

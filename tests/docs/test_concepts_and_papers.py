@@ -17,7 +17,7 @@ from dualarm_cli.model.schedule import SegmentKind, WaitReason
 from dualarm_cli.model.verification import Verdict
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.tolerances import TOL
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAPERS = "tasks/papers/"

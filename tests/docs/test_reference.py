@@ -23,7 +23,7 @@ from dualarm_cli.files.cells.schema_cell import ObstacleSection
 from dualarm_cli.files.tasks.schema_tasks import DefaultsSection, TargetSection, TasksFile
 from dualarm_cli.model.budget import Kept
 from dualarm_cli.schemas import result_fields
-from dualarm_cli.verification.criteria import judge, not_checked
+from dualarm_cli.verification.measuring.criteria import judge, not_checked
 
 TABLES: dict[str, Any] = {"SCHEDULE": result_fields.SCHEDULE, "REPORT": result_fields.REPORT}
 DOCS = Path(__file__).parents[2] / "docs"

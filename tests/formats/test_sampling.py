@@ -9,7 +9,7 @@ from scipy.interpolate import BPoly, CubicHermiteSpline
 
 from dualarm_cli.formats.sampling import losses, sampled
 from dualarm_cli.geometry.interpolation import INTERPOLATIONS, extrema, interpolated
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.tolerances import TOL
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3, 4, 5])

@@ -17,7 +17,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.stage_parts import corners
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 CELL = """\
 dualarm: cell/1

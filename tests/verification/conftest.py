@@ -30,8 +30,8 @@ from dualarm_cli.model.schedule import (
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.as_done import job_as_done
-from dualarm_cli.verification.line_spans import LineSpan, line_spans
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.line_spans import LineSpan, line_spans
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 LINK, TCP, SIDE, LINE = 0.4, 0.1, 0.5, 0.05
 JOINTS = ("turn", "l1", "l2", "l3", "r1", "r2", "r3")

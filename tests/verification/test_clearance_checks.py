@@ -26,7 +26,7 @@ from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _add_plain, touching_spans
-from dualarm_cli.verification.holding_spans import carrying_spans, spans_on_lines
+from dualarm_cli.verification.measuring.holding_spans import carrying_spans, spans_on_lines
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,9 @@ from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Provenance, Schedule, ScheduleRobot, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.line_spans import line_spans
+from dualarm_cli.verification.measuring.line_spans import line_spans
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 from dualarm_cli.verification.stage_checks import _time_at_rest
-from dualarm_cli.verification.tool_model import ToolModel
 
 JOINTS = ("gx", "gy", "gz")
 BELT, LINE, PASSES, MET = 0.2, 0.06, 1.0, 2.0

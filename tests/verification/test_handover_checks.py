@@ -19,8 +19,8 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import touching_spans
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 from dualarm_cli.verification.tool_checks import Worst
-from dualarm_cli.verification.tool_model import ToolModel
 
 NAMES = ("handover_order", "handover_grip", "handover_still")
 

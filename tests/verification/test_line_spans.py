@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 TCP, LINK, LINE = 0.1, 0.4, 0.05
 """The hand, both links, and the lines of the schedule made by hand [m]."""

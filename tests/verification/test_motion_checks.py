@@ -14,7 +14,7 @@ from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.criteria import judge
+from dualarm_cli.verification.measuring.criteria import judge
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
     check_limits,

@@ -22,7 +22,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 CELL = """\
 dualarm: cell/1

@@ -28,8 +28,8 @@ from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.line_spans import line_spans
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.line_spans import line_spans
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 SDA10F = """\
 dualarm: cell/1

@@ -10,8 +10,8 @@ import pytest
 from dualarm_cli.model.job import Dwell
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 from dualarm_cli.verification.order_checks import check_dwells
-from dualarm_cli.verification.tool_model import ToolModel
 
 
 def replaced(rows, index, **changes):

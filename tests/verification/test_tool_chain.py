@@ -12,7 +12,7 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.schedule import ScheduleArm
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 AXES = ("1 0 0", "0 1 0", "0 0 1", "-1 0 0", "0 0 -1", "0.6 0 0.8", "1 2 -3")
 

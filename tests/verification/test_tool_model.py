@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.model.joint_motion import JointMotion
-from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
+from dualarm_cli.verification.measuring.tool_model import ToolModel, rotation_angle
 
 
 def with_robot(schedule, **changes):

@@ -6,9 +6,9 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.criteria import NO_TASKS, Criterion, judge, not_checked
 from dualarm_cli.verification.kind_checks import KindChecks
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.criteria import NO_TASKS, Criterion, judge, not_checked
+from dualarm_cli.verification.measuring.tolerances import TOL
 
 
 @dataclass(frozen=True)

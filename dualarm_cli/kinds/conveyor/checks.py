@@ -15,12 +15,12 @@ from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.criteria import Criterion
-from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.criteria import Criterion
+from dualarm_cli.verification.measuring.dense_times import dense_times
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel, rotation_angle
 from dualarm_cli.verification.tool_checks import Worst, pose_error
-from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 HALF_STEP = 1e-5
 """Half of the time over which a tool's velocity is measured [s]."""

@@ -14,12 +14,12 @@ from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.criteria import NO_TASKS, Criterion, not_checked
-from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.criteria import NO_TASKS, Criterion, not_checked
+from dualarm_cli.verification.measuring.dense_times import dense_times
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel, rotation_angle
 from dualarm_cli.verification.tool_checks import Worst
-from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 NO_PATHS = "the job has no paths"
 CRITERIA = {

@@ -31,7 +31,7 @@ from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 
 def path_lines(report: dict[str, Any]) -> list[str]:

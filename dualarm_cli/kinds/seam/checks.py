@@ -19,13 +19,13 @@ from dualarm_cli.model.process_work import SeamWork, longest_ramp
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.criteria import NO_TASKS, Criterion, not_checked
-from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks, Touch
-from dualarm_cli.verification.line_spans import LineSpan, spans_of
-from dualarm_cli.verification.tolerances import TOL
+from dualarm_cli.verification.measuring.criteria import NO_TASKS, Criterion, not_checked
+from dualarm_cli.verification.measuring.dense_times import dense_times
+from dualarm_cli.verification.measuring.line_spans import LineSpan, spans_of
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel, rotation_angle
 from dualarm_cli.verification.tool_checks import Worst
-from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 
 @dataclass(frozen=True)

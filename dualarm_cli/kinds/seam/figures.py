@@ -16,7 +16,7 @@ from dualarm_cli.kinds.seam.measures import SeamSamples, seam_samples
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.process_work import SeamWork
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 STANDS = 1e-6
 """Largest motion of a part that counts as standing [m, rad]."""

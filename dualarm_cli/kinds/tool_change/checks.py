@@ -12,8 +12,8 @@ from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.as_done import is_change
-from dualarm_cli.verification.criteria import NO_TASKS, Criterion, judge, not_checked
 from dualarm_cli.verification.kind_checks import KindChecks
+from dualarm_cli.verification.measuring.criteria import NO_TASKS, Criterion, judge, not_checked
 
 NAME = "tool_changes"
 CRITERIA = {

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.verification.line_spans import LineSpan
+from dualarm_cli.verification.measuring.line_spans import LineSpan
 
 Span = tuple[float, float]
 """Start and end of a span [s]."""

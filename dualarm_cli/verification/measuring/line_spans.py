@@ -16,9 +16,9 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans
-from dualarm_cli.verification.tolerances import TOL
-from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
+from dualarm_cli.verification.measuring.dense_times import AT_ONCE, dense_spans
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel, rotation_angle
 
 FIRST_INSTANTS = 128
 """Number of instants of a line that are sampled first; most lines have fewer."""

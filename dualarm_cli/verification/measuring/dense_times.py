@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.verification.tolerances import TOL
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 PER_INTERVAL = 4
 """Number of instants from one knot to the next."""

@@ -1,0 +1,1 @@
+"""Measuring of motions for all checks: tool poses, spans, instants, criteria, tolerances."""
