@@ -244,7 +244,7 @@ class Robot:
             for joint in ElementTree.fromstring(self.urdf).iter("joint")
         }
         efforts = [
-            0.0 if (limit := limits.get(name)) is None else float(limit.get("effort", "0"))
+            0.0 if (limit := limits.get(name)) is None else abs(float(limit.get("effort", "0")))
             for name in self.joints
         ]
         return JointTorques.of_effort(np.array(efforts))

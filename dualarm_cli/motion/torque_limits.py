@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
+from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import ANY, GIVES, TAKES, Job
 from dualarm_cli.model.joint_motion import SAME_TIME
@@ -40,7 +40,7 @@ class TorqueSettings:
     step: float = 0.008
     """Largest distance of two instants [s]."""
     reserve: float = 3e-3
-    """Fraction of the effort that is kept, for peaks between instants."""
+    """Fraction of the torque left to the motion that is kept, for peaks between instants."""
     at_rest: float = 1e-9
     """Speed [rad/s] and acceleration [rad/s²] that count as zero."""
 
@@ -51,17 +51,16 @@ SETTINGS = TorqueSettings()
 def within_torques(job: Job, motion: Motion) -> tuple[Motion, list[Note]]:
     """Slow a motion where joints would exceed their torques, with a note.
 
-    Motion that follows a belt, a path or a seam has its own time and stays; the verifier judges it.
+    Motion that follows a path or a seam, or that comes before the last meeting with a belt, has its own time and stays;
+    the verifier judges it.
 
     Args:
-        job: with the tasks of all events.
+        job: with the tasks of all events, and a cell that limits torques.
         motion: of all joints.
 
     Raises:
         InfeasibleError: a joint cannot hold still at a place of the motion.
     """
-    if not limits_torques(job.cell) or any(event.moves for event in motion.events):
-        return motion, []
     factors, edges, joint = _slowing(job, motion)
     if not (factors > 1.0).any():
         return motion, []
@@ -140,12 +139,11 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
         if square[worst] > squares.max():
             joint = int(columns[worst])
         np.maximum.at(squares, span, square)
-    for segment in motion.segments:
-        if segment.kind in ("path", "seam"):
-            inside = (times[:-1] < segment.end - SAME_TIME) & (
-                times[1:] > segment.start + SAME_TIME
-            )
-            squares[inside] = 1.0
+    fixed = [(s.start, s.end) for s in motion.segments if s.kind in ("path", "seam")]
+    # What comes before a meeting with a belt cannot come later.
+    fixed += [(0.0, event.time + event.dwell) for event in motion.events if event.moves]
+    for start, end in fixed:
+        squares[(times[:-1] < end - SAME_TIME) & (times[1:] > start + SAME_TIME)] = 1.0
     return np.sqrt(squares), edges, joint
 
 
@@ -205,16 +203,16 @@ def _least_squares(
         InfeasibleError: a joint cannot hold still.
     """
     at_rest, moving, viscous = dynamics.torques(*motion)
-    effort = (1.0 - SETTINGS.reserve) * dynamics.limit
-    lacking = np.abs(at_rest) - effort
+    lacking = np.abs(at_rest) - dynamics.limit
     k, joint = np.unravel_index(int(np.argmax(lacking)), lacking.shape)
     if lacking[k, joint] >= 0.0:
         raise InfeasibleError(
             _cannot_hold(job, float(time[k]), int(joint), float(at_rest[k, joint]), held)
         )
     # With u = 1 / factor: |moving| u² + along u <= room, and against `moving` -along u <= opposite.
-    sign = np.copysign(1.0, moving)
-    room, opposite, along = effort - sign * at_rest, effort + sign * at_rest, sign * viscous
+    sign, keep = np.copysign(1.0, moving), 1.0 - SETTINGS.reserve
+    room, opposite = (keep * (dynamics.limit - s * at_rest) for s in (sign, -sign))
+    along = sign * viscous
     root = np.sqrt(np.square(along) + 4.0 * np.abs(moving) * room)
     squares = np.abs(moving) / room + along * (along + root) / (2.0 * np.square(room))
     np.maximum(squares, np.square(np.minimum(along, 0.0) / opposite), out=squares)

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
+from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME, merge
 from dualarm_cli.model.schedule import Event, Segment, Stage
@@ -57,11 +57,11 @@ def reshaped_within_torques(
     """Replace transfers beyond torques where that can be done, with a note.
 
     Args:
-        job: with the arms of all tasks.
+        job: with the arms of all tasks, and a cell that limits torques.
         motion: synchronous stages, in which each arm has a rest.
         is_clear: check of a stage of a motion, by its index.
     """
-    if not _may_reshape(job, motion) or not limits_torques(job.cell):
+    if not _may_reshape(job, motion):
         return motion, []
     shaped = _replacements(job, motion)
     while shaped:
@@ -89,24 +89,13 @@ def _replacements(job: Job, motion: Motion) -> dict[tuple[int, str], _Shaped]:
     """Compute the new shape of each overloaded transfer, by stage and arm."""
     spans, shared = payload_spans(job, motion), {task.id for task in job.tasks if task.handover}
     models: dict[tuple[PayloadSpan, ...], Dynamics] = {}
-    shaped, arms = {}, job.cell.robot.arms
-    tracks = {
-        name: motion.trajectory.select(joints)
-        for name, joints in (("", job.cell.robot.platform), *((a.name, a.joints) for a in arms))
-        if joints
-    }
+    shaped, arms, tracks = {}, job.cell.robot.arms, _tracks(job, motion)
     for k, stage in enumerate(motion.stages):
         rests = [_rest(motion, track, name, stage, None) for name, track in tracks.items()]
         if shared.intersection(stage.tasks) or None in rests:
             continue
         for arm in arms:
-            inside = [
-                s
-                for s in motion.segments
-                if s.arm == arm.name
-                and s.start >= stage.start - SAME_TIME
-                and s.end <= stage.end + SAME_TIME
-            ]
+            inside = _inside(motion, arm.name, stage)
             transfers = [s for s in inside if s.kind in ("transfer", "return")]
             if len(transfers) != 1 or transfers[0].end - transfers[0].start <= SAME_TIME:
                 continue
@@ -121,8 +110,11 @@ def _replacements(job: Job, motion: Motion) -> dict[tuple[int, str], _Shaped]:
             if key not in models:
                 models[key] = Dynamics(job.cell, carried_inertias(job, held))
             piece = _shape(job, motion.trajectory, transfers[0], models[key])
-            if piece is not None:
-                shaped[k, arm.name] = _Shaped(transfers[0], piece)
+            if piece is None:
+                continue
+            replaced = _Shaped(transfers[0], piece)
+            if _rest(motion, tracks[arm.name], arm.name, stage, replaced) is not None:
+                shaped[k, arm.name] = replaced
     return shaped
 
 
@@ -145,21 +137,25 @@ def _shape(
     return transfer_within_torques(dynamics, columns, ends, job.limits)
 
 
+def _tracks(job: Job, motion: Motion) -> dict[str, Trajectory]:
+    """Select the motions of the platform, named "", and of the arms."""
+    robot = job.cell.robot
+    groups = (("", robot.platform), *((arm.name, arm.joints) for arm in robot.arms))
+    return {name: motion.trajectory.select(joints) for name, joints in groups if joints}
+
+
 def _with_shapes(job: Job, motion: Motion, shaped: Mapping[tuple[int, str], _Shaped]) -> Motion:
     """Build the motion with replaced transfers."""
-    robot, old = job.cell.robot, motion.trajectory
-    arms = {arm.name: arm.joints for arm in robot.arms}
-    groups = {name: joints for name, joints in (("", robot.platform), *arms.items()) if joints}
-    tracks = {name: old.select(joints) for name, joints in groups.items()}
-    pieces: dict[str, list[Trajectory]] = {name: [] for name in groups}
+    tracks, arms = _tracks(job, motion), [arm.name for arm in job.cell.robot.arms]
+    pieces: dict[str, list[Trajectory]] = {name: [] for name in tracks}
     segments: dict[str, list[Segment]] = {name: [] for name in arms}
     stages: list[Stage] = []
     events: list[Event] = []
     clock = 0.0
     for k, stage in enumerate(motion.stages):
-        edits = _edits(motion, tracks, stage, {n: shaped[k, n] for n in groups if (k, n) in shaped})
-        for name in groups:
-            pieces[name].append(edits[name].track(tracks[name], stage))
+        edits = _edits(motion, tracks, stage, {n: shaped[k, n] for n in tracks if (k, n) in shaped})
+        for name, track in tracks.items():
+            pieces[name].append(edits[name].track(track, stage))
         for name in arms:
             later = replace(edits[name], shift=clock - stage.start)
             segments[name] += later.segments(_inside(motion, name, stage))
@@ -168,10 +164,11 @@ def _with_shapes(job: Job, motion: Motion, shaped: Mapping[tuple[int, str], _Sha
                 for event in motion.events
                 if event.arm == name and _stage_of(event, motion.stages) == k
             ]
-        length = pieces[next(iter(groups))][-1].duration
+        length = pieces[arms[0]][-1].duration
         stages.append(replace(stage, start=clock, end=clock + length))
         clock += length
-    trajectory = merge([concatenate(parts) for parts in pieces.values()], old.joints)
+    whole = [concatenate(parts) for parts in pieces.values()]
+    trajectory = merge(whole, motion.trajectory.joints)
     events.sort(key=lambda event: event.time)
     in_order = tuple(segment for name in arms for segment in segments[name])
     return replace(
@@ -255,8 +252,8 @@ def _edits(
         edits[name] = _Edit(rest, waited, shaped.get(name))
     if not shaped:
         return edits
-    # An arm that waits for the other one may wait less.
-    added = max(edit.added - edit.waited for edit in edits.values())
+    # An arm that waits for the other one may wait less; no stage becomes shorter than it was.
+    added = max(0.0, *(edit.added - edit.waited for edit in edits.values()))
     return {name: replace(edit, inserted=added - edit.added) for name, edit in edits.items()}
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import cube
+from dualarm_cli.geometry.interpolation import interpolated
 from dualarm_cli.geometry.linear_systems import solve
 from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.programs import plain_piqp
@@ -37,6 +38,8 @@ class ShapeSettings:
     """Fraction of efforts that is kept."""
     rate_reserve: float = 2e-3
     """Fraction of velocity limits that is kept, for peaks between knots."""
+    position_reserve: float = 2e-3
+    """Distance from position limits that is kept at knots, for peaks between them [rad or m]."""
     room: float = 0.05
     """Room about the range of the present motion [rad or m]."""
     dense: int = 8
@@ -44,15 +47,21 @@ class ShapeSettings:
 
 
 SHAPE = ShapeSettings()
+ROUNDING = 1e-12
+"""Excess over a position limit by rounding [rad or m]."""
+
+
+State = tuple[FloatArray, FloatArray, FloatArray]
+"""Positions [rad or m], velocities and accelerations of joints, each (n,) or (k, n)."""
 
 
 @dataclass(frozen=True)
 class TransferEnds:
     """States of all joints at both ends of a transfer, and its range."""
 
-    start: tuple[FloatArray, FloatArray, FloatArray]
+    start: State
     """Positions, velocities and accelerations at the start, each (n,)."""
-    end: tuple[FloatArray, FloatArray, FloatArray]
+    end: State
     """Those at the end."""
     duration: float
     """Present duration [s]."""
@@ -60,10 +69,6 @@ class TransferEnds:
     """Lowest positions of the present motion [rad or m], shape (n,)."""
     most: FloatArray
     """Highest positions of the present motion [rad or m], shape (n,)."""
-
-
-State = tuple[FloatArray, FloatArray, FloatArray]
-"""Positions, velocities and accelerations."""
 
 
 class _Grid:
@@ -85,9 +90,7 @@ class _Grid:
         self.v = during * during / 2.0 + h * after
         self.q = cube(during) / 6.0 + (h * h / 2.0) * after + h * after * after / 2.0
 
-    def motion(
-        self, start: tuple[FloatArray, FloatArray, FloatArray], jerk: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def motion(self, start: State, jerk: FloatArray) -> State:
         """Compute positions, velocities and accelerations (g, n) from jerks (intervals, n)."""
         q, v, a = start
         t = self.time[:, None]
@@ -136,7 +139,6 @@ class _Program:
         self._end = _of_arm(ends.end, columns)
         self._limits = limits.select([limits.joints[column] for column in columns])
         count = SHAPE.intervals
-        self._duration = duration
         self._knots = _Grid(duration, np.arange(count + 1) / count)
         self._halves = _Grid(duration, np.arange(1, 2 * count) / (2 * count))
         self._dense = _Grid(duration, np.arange(count * SHAPE.dense + 1) / (count * SHAPE.dense))
@@ -160,7 +162,7 @@ class _Program:
         q[-1], v[-1], a[-1] = self._end
         return Trajectory(joints, self._knots.time, q, v, a)
 
-    def _whole(self, grid: _Grid, jerk: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _whole(self, grid: _Grid, jerk: FloatArray) -> State:
         """Complete the motion of the arm by the other joints, which stand."""
         arm = grid.motion(self._start, jerk)
         whole = [
@@ -172,18 +174,21 @@ class _Program:
         return whole[0], whole[1], whole[2]
 
     def _fits(self, jerk: FloatArray) -> bool:
-        """Check limits and torques on a dense grid."""
+        """Check limits between knots, too, and torques on a dense grid."""
         at_rest, moving, viscous = self._dynamics.torques(*self._whole(self._dense, jerk))
         torque = np.abs(at_rest + moving + viscous)[:, self._columns]
-        q, v, a = self._dense.motion(self._start, jerk)
-        limits = self._limits
+        # Cubics between knots have the extrema of a motion of constant jerk; accelerations have theirs at knots.
+        q, v, a = self._knots.motion(self._start, jerk)
+        motion, limits = interpolated("cubic", self._knots.time, q, v), self._limits
+        (low, high), speed = motion.extrema(), motion.peak(1)
         return bool(
             (torque <= self._effort).all()
-            and (np.abs(v) <= limits.velocity).all()
+            and speed is not None
+            and (speed <= limits.velocity).all()
             and (np.abs(a) <= limits.acceleration).all()
             and (np.abs(jerk) <= limits.jerk).all()
-            and (q >= limits.lower).all()
-            and (q <= limits.upper).all()
+            and (low >= limits.lower - ROUNDING).all()
+            and (high <= limits.upper + ROUNDING).all()
         )
 
     def _with_exact_end(self, jerk: FloatArray) -> FloatArray:
@@ -204,8 +209,12 @@ class _Program:
         lower, upper = [], []
         keep = 1.0 - SHAPE.rate_reserve
         q, v, a = self._knots.motion(self._start, np.zeros((count, n)))
-        room_low = np.maximum(ends.least[self._columns] - SHAPE.room, limits.lower)
-        room_high = np.minimum(ends.most[self._columns] + SHAPE.room, limits.upper)
+        # Between knots a joint may go a little further; ends may be nearer to a limit than that.
+        first, last = self._start[0], self._end[0]
+        inner_low = np.minimum(limits.lower + SHAPE.position_reserve, np.minimum(first, last))
+        inner_high = np.maximum(limits.upper - SHAPE.position_reserve, np.maximum(first, last))
+        room_low = np.maximum(ends.least[self._columns] - SHAPE.room, inner_low)
+        room_high = np.minimum(ends.most[self._columns] + SHAPE.room, inner_high)
         bounds = (
             (self._knots.q, q, room_low, room_high),
             (self._knots.v, v, -keep * limits.velocity, keep * limits.velocity),

@@ -18,10 +18,10 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import CHANGES, Job
 from dualarm_cli.model.joint_motion import lean
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
-from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import within_torques
 from dualarm_cli.motion.torque_shapes import reshaped_within_torques
+from dualarm_cli.notes import Note
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.notes import dwell_note, platform_note
 from dualarm_cli.planning.planned_job import PlannedJob
@@ -60,7 +60,10 @@ def decided_plan(
     solve, check = work.method.solve, work.check_collisions
     cleared = quickest(problem, solve, work.timing, watch.report, check_collisions=check)
     stages, motion = cleared.cleared.plans, cleared.cleared.motion
-    motion, reshaped = reshaped_within_torques(job, motion, partial(_is_clear, cleared.holding))
+    reshaped: list[Note] = []
+    if work.limits_torques:
+        clear = partial(_is_clear, cleared.holding)
+        motion, reshaped = reshaped_within_torques(job, motion, clear)
     notes = (
         *job.notes,
         *work.replaced,
@@ -69,7 +72,7 @@ def decided_plan(
         *clearance_notes([(cleared, 1)]),
         *reshaped,
     )
-    schedule = schedule_of(job, work.settings, motion, notes)
+    schedule = schedule_of(work, job, motion, notes)
     schedule = replace(schedule, grid_gap=cleared.decided.grid_gap, clearance_cost=cleared.cost)
     return in_time(schedule, work.job)
 
@@ -81,12 +84,11 @@ def _is_clear(holding: Holding | None, motion: Motion, stage: int) -> bool:
     return is_clear(holding.cell, stage_samples(motion, stage, stage, holding))
 
 
-def schedule_of(
-    job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str, ...]
-) -> Schedule:
-    """Build the schedule of a motion, within joint torques."""
-    robot = ScheduleRobot.of_job(job)
-    motion, slowed = within_torques(job, motion)
+def schedule_of(work: PlannedJob, job: Job, motion: Motion, notes: tuple[str, ...]) -> Schedule:
+    """Build the schedule of a variant's motion, within joint torques."""
+    robot, slowed, settings = ScheduleRobot.of_job(job), list[Note](), work.settings
+    if work.limits_torques:
+        motion, slowed = within_torques(job, motion)
     return Schedule(
         robot=robot,
         motion=lean(motion.trajectory, robot.groups, _named_times(motion)),

@@ -107,7 +107,7 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
 def _schedule(work: PlannedJob, motion: Motion, job: Job) -> Schedule:
     """Build the schedule of a decided variant and check its time windows."""
     notes = (*work.job.notes, *work.replaced, *job_notes(job))
-    return in_time(schedule_of(job, work.settings, motion, notes), work.job)
+    return in_time(schedule_of(work, job, motion, notes), work.job)
 
 
 def _noted(schedule: Schedule, notes: list[str]) -> Schedule:

@@ -10,6 +10,7 @@ from dualarm_cli.effort import EFFORTS, EffortSettings
 from dualarm_cli.errors import InfeasibleError, InputError, UnsupportedError
 from dualarm_cli.kinds.planning import KindPlanning, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.dynamics import limits_torques
 from dualarm_cli.model.blending import BLENDINGS, Blending
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
@@ -49,6 +50,8 @@ class PlannedJob:
     """Kinds of work among the tasks."""
     check_collisions: bool
     """Flag of plans that have to be collision-free."""
+    limits_torques: bool
+    """Flag of plans that have to stay within the joints' torques."""
 
     @property
     def effort(self) -> EffortSettings:
@@ -129,9 +132,8 @@ def resolve(job: Job, settings: PlanSettings, *, check_collisions: bool = True) 
         closed = CellModel.from_cell(job.cell)
     job = BLENDINGS[settings.blend].straight(job)
     kinds = tuple(kinds_of(job))
-    work = PlannedJob(
-        job, settings, tuple(replaced), model, closed, method, timing, kinds, check_collisions
-    )
+    of_settings = tuple(replaced), model, closed, method, timing, kinds, check_collisions
+    work = PlannedJob(job, settings, *of_settings, limits_torques(job.cell))
     if reason := method.why_unsupported(work.problem):
         raise UnsupportedError(f"platform {method.name} cannot plan {robot.name}: {reason}")
     if job.in_sections:

@@ -141,5 +141,5 @@ def sections_plan(work: PlannedJob, watch: Watch) -> Schedule:
         *dict.fromkeys(planned.notes),
         *(platform_notes(work.model, planned.stage_plans) if planned.stage_plans else ()),
     )
-    schedule = schedule_of(job, work.settings, motion, notes)
+    schedule = schedule_of(work, job, motion, notes)
     return in_time(replace(schedule, clearance_cost=planned.clearance_cost), job)

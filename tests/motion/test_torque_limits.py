@@ -118,11 +118,30 @@ def test_a_joint_that_cannot_hold_still_is_refused() -> None:
         within_torques(job_of(8.0, pin.SE3.Identity()), swing())
 
 
-@pytest.mark.parametrize("job", [job_of(100.0), job_of(1e-6, rule="checked"), job_of(0.0)])
-def test_a_motion_that_needs_no_slowing_is_the_same_object(job: SimpleNamespace) -> None:
-    """Within torques, with torques that are no limit, and without data."""
+def test_a_motion_within_its_torques_is_the_same_object() -> None:
+    """Nothing is rebuilt."""
     motion = swing()
-    assert within_torques(job, motion) == (motion, [])
+    assert within_torques(job_of(100.0), motion) == (motion, [])
+
+
+@pytest.mark.parametrize(
+    ("job", "limited"),
+    [(job_of(100.0), True), (job_of(100.0, rule="checked"), False), (job_of(0.0), False)],
+)
+def test_torques_are_limited_by_rule_and_data(job: SimpleNamespace, limited: bool) -> None:
+    """With an effort, unless the cell file says otherwise."""
+    assert limits_torques(job.cell) == limited
+
+
+def test_motion_before_a_meeting_with_a_belt_is_not_slowed() -> None:
+    """The belt is met at 0.4 s: the first swing keeps its time, and one after it would be slowed."""
+    motion = swing()
+    met = replace(motion.events[0], velocity=(0.1, 0.0, 0.0), dwell=0.0)
+    weak = job_of(MASS * LENGTH**2 * ACCELERATION * 0.2 / 4.0 / (1.0 - SETTINGS.reserve))
+    slowed, _ = within_torques(weak, replace(motion, events=(met,)))
+    # The way back has a fifth of the acceleration, of which a quarter is allowed: twice its time.
+    expected = np.array([0, 1, 2, 3, 4, 5, 7, 9, 11, 13]) * H
+    np.testing.assert_allclose(slowed.trajectory.time, expected, atol=1e-12)
 
 
 def test_a_dwell_keeps_its_length_and_a_wait_follows() -> None:

@@ -11,6 +11,7 @@ from dualarm_cli.interface import load, plan
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.motion.torque_transfer import TransferEnds, transfer_within_torques
+from dualarm_cli.verification.motion_checks import position_extrema, velocity_extrema
 from dualarm_cli.verification.torque_checks import InverseDynamics
 
 MASS = 3.0
@@ -55,8 +56,12 @@ def test_a_new_shape_keeps_ends_limits_and_torques() -> None:
     for _ in range(12):
         start, end = ([home.copy(), np.zeros(14), np.zeros(14)] for _ in range(2))
         start[0][columns] = random.uniform(limits.lower, limits.upper)[columns] * 0.5
+        # The sixth joint begins at one of its limits.
+        start[0][columns[5]] = random.choice([limits.lower, limits.upper])[columns[5]]
         end[0][columns] = start[0][columns] + random.uniform(-0.6, 0.6, 7)
+        end[0][columns] = np.clip(end[0], limits.lower, limits.upper)[columns]
         start[1][columns], end[1][columns] = 0.2 * random.uniform(-1, 1, (2, 7))
+        start[1][columns[5]] = end[1][columns[5]] = 0.0
         least, most = np.minimum(start[0], end[0]) - 0.1, np.maximum(start[0], end[0]) + 0.1
         ends = TransferEnds(tuple(start), tuple(end), 0.9, least, most)
         motion = transfer_within_torques(dynamics, columns, ends, limits)
@@ -68,9 +73,11 @@ def test_a_new_shape_keeps_ends_limits_and_torques() -> None:
         ):
             np.testing.assert_allclose(rate[0], first[columns], atol=1e-12)
             np.testing.assert_array_equal(rate[-1], last[columns])
-        dense = np.linspace(0.0, motion.duration, 1001)
-        q, v, a = motion.at(dense)
-        assert (np.abs(v) <= limits.velocity[columns]).all()
+        low, high = position_extrema(motion)
+        assert (low >= limits.lower[columns] - 1e-9).all()
+        assert (high <= limits.upper[columns] + 1e-9).all()
+        assert (velocity_extrema(motion) <= limits.velocity[columns]).all()
+        q, v, a = motion.at(np.linspace(0.0, motion.duration, 1001))
         assert (np.abs(a) <= limits.acceleration[columns] * (1 + 1e-9)).all()
         assert (np.abs(motion.jerk) <= limits.jerk[columns] * (1 + 1e-6)).all()
         whole = [np.tile(home, (1001, 1)), np.zeros((1001, 14)), np.zeros((1001, 14))]

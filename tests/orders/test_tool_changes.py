@@ -35,6 +35,7 @@ from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
 from dualarm_cli.planning.asynchronous.own_clock import OwnClock
 from dualarm_cli.planning.decided_plan import schedule_of
 from dualarm_cli.planning.job_faults import job_faults
+from dualarm_cli.planning.planned_job import resolve
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.report.console import summary_lines
@@ -292,7 +293,7 @@ def test_changes_go_on_where_the_platform_stood_before(kit, monkeypatch):
         return quickest_clear(problem, *rest, **kinds)
 
     monkeypatch.setattr(free_plan, "quickest_clear", spied)
-    schedule = schedule_of(found.job, QUICK, plan_epochs(planner, found), ())
+    schedule = schedule_of(resolve(job, QUICK), found.job, plan_epochs(planner, found), ())
     # The left arm's stops, the right one's, the left one's next and its way back; the right arm is looked at by itself.
     assert held[:4] == [(3, "fingers"), (1, "fingers"), (3, "suction"), (0, "fingers")]
     assert verify(schedule, job, clearance=True).failures == ()

@@ -32,7 +32,7 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.joint_axes import joint_axes, measured_kind
 from dualarm_cli.model.place import Place
-from dualarm_cli.model.robot import Arm, JointLimits, JointTorques, rate_source
+from dualarm_cli.model.robot import Arm, JointLimits, JointTorques, Robot, rate_source
 from dualarm_cli.notes import Note
 
 POSITION_SLACK = 1e-9
@@ -275,10 +275,7 @@ def joint_limits(
         findings: where errors are noted.
     """
     names = [joint.name for joint in joints]
-    for name in model.limits:
-        if name not in (*names, DEFAULT):
-            message = f"{quote(name)} is no joint of platform or arms{did_you_mean(name, names)}"
-            findings.add(document, ("limits", name), message, key=True)
+    _check_joint_names(document, "limits", list(model.limits), names, findings)
     rows = []
     lacking: list[str] = []
     ruled: list[str] = []
@@ -316,10 +313,21 @@ def joint_limits(
     return limits, [robot_note("jerk_rule", joints=whose, rule=JERK_RULE)] if ruled else []
 
 
+def _check_joint_names(
+    document: Document, key: str, given: Sequence[str], names: Sequence[str], findings: Findings
+) -> None:
+    """Note names in a section that are no moving joints, nor `default`."""
+    for name in given:
+        if name not in (*names, DEFAULT):
+            hint = did_you_mean(name, list(names))
+            message = f"{quote(name)} is no joint of platform or arms{hint}"
+            findings.add(document, (key, name), message, key=True)
+
+
 def joint_torques(
     document: Document,
     model: RobotFile,
-    joints: Sequence[UrdfJoint],
+    robot: Robot,
     findings: Findings,
 ) -> JointTorques | None:
     """Read the torques of all moving joints; None where the robot file states none.
@@ -327,21 +335,18 @@ def joint_torques(
     Args:
         document: the robot file.
         model: its content.
-        joints: the moving joints.
+        robot: with the efforts of its URDF.
         findings: where errors are noted.
     """
-    names = [joint.name for joint in joints]
-    for name in model.torques:
-        if name not in (*names, DEFAULT):
-            message = f"{quote(name)} is no joint of platform or arms{did_you_mean(name, names)}"
-            findings.add(document, ("torques", name), message, key=True)
+    names = robot.joints
+    _check_joint_names(document, "torques", list(model.torques), names, findings)
     if not model.torques:
         return None
     usual = model.torques.get(DEFAULT, TorqueSection())
     sections = [model.torques.get(name, usual) for name in names]
     efforts = [
-        joint.effort if section.effort is None else section.effort
-        for joint, section in zip(joints, sections, strict=True)
+        effort if section.effort is None else section.effort
+        for effort, section in zip(robot.torques.effort.tolist(), sections, strict=True)
     ]
     for name, section, effort in zip(names, sections, efforts, strict=True):
         if 0.0 < section.derating * effort <= section.coulomb_friction:

@@ -164,7 +164,6 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[Note, ...]]:
     check_chains(document, model, urdf, joints, findings)
     joints = with_margins(document, model, joints, findings)
     found_limits = joint_limits(document, model, joints, findings)
-    torques = joint_torques(document, model, joints, findings)
     frozen = frozen_positions(document, model, urdf, names, findings)
     postures = posture_positions(document, model, joints, findings)
     contacts, doubtful = (
@@ -194,8 +193,10 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[Note, ...]]:
         (*contacts, *doubtful),
         meshes,
         read.visuals,
-        torques,
     )
+    stated = joint_torques(document, model, robot, findings)
+    findings.raise_if_any()
+    robot = replace(robot, stated_torques=stated)
     notes += [
         *_narrowed_notes(joints),
         *assumed,

@@ -137,8 +137,6 @@ class UrdfJoint:
     """Largest jerk [rad/s³ or m/s³], or None (URDF 1.2)."""
     narrowed: tuple[str, ...] = ()
     """Causes in words that narrow the positions below those of `<limit>`."""
-    effort: float = 0.0
-    """Largest torque or force [N m or N], 0 if unknown."""
 
 
 @dataclass(frozen=True)
@@ -322,9 +320,7 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
                 findings.add(joint, f"{message} have no position in common")
             narrowed = ("soft limits of the URDF",) if [lower, upper] != whole else ()
             ranges = lower, upper, velocity, acceleration, jerk
-            joints.append(
-                UrdfJoint(joint.name, kind == "prismatic", *ranges, narrowed, _effort(joint))
-            )
+            joints.append(UrdfJoint(joint.name, kind == "prismatic", *ranges, narrowed))
             if soft == UNLIMITED and joint.child_name("safety_controller", SOFT_LIMITS[0]):
                 notes.append(robot_note("equal_soft_limits", joint=what))
         if kind == "continuous" and soft == UNLIMITED:
@@ -357,11 +353,6 @@ def _limits(
         findings.add(limit, f"{what}: lower limit {lower[0]:g} is above upper limit {upper[0]:g}")
         return None
     return lower[0], upper[0], velocity[0]
-
-
-def _effort(joint: Element) -> float:
-    """Read a joint's checked effort [N m or N], by default 0."""
-    return abs(float(joint.child_name("limit", "effort") or "0"))
 
 
 def soft_range(joint: Element) -> tuple[float, float]:
