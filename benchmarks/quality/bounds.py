@@ -23,9 +23,9 @@ from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.stages.plans.launches import default_launches
+from dualarm_cli.stages.plans.launches import default_launches, with_best_launches
 from dualarm_cli.stages.plans.times import evaluate
-from dualarm_cli.stages.search.search import search, with_best_launches
+from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.variables import Variables
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
@@ -77,7 +77,7 @@ def perturbed(given: tuple[int, int, int, str]) -> tuple[int, float]:
         if not np.isfinite(plan.total):
             continue
         if moving and k % 25 == 0:
-            _, plan = with_best_launches(problem, evaluate(problem, plan.decisions))
+            _, plan = with_best_launches(launched, plan)
         lengths.append(plan.total)
     return len(lengths), bound / min(lengths)
 

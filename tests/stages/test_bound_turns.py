@@ -14,9 +14,9 @@ from dualarm_cli.effort import Resolution
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
-from dualarm_cli.stages.plans.launches import default_launches
+from dualarm_cli.stages.plans.launches import default_launches, with_best_launches
 from dualarm_cli.stages.plans.times import evaluate
-from dualarm_cli.stages.search.search import search, with_best_launches
+from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.variables import Variables
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from tests.posture_cells_numpy import within_reach
@@ -139,7 +139,8 @@ def test_no_perturbed_plan_is_faster_than_the_bound(random_job, seed, blend):
     moving = problem
     if blend == "lines":
         moving = replace(problem, launches=default_launches(problem))
-        assert bound <= with_best_launches(problem, found.best)[1].total
+        quickest = with_best_launches(moving, found.best)[1].total
+        assert bound <= quickest < found.best.total
     variables = Variables.of(problem)
     possible = 0
     for _ in range(60):
