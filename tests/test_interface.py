@@ -49,7 +49,7 @@ PUBLIC = {
     "load": "tasks changes",
     "plan": "job platform redundancy timing blend effort seed time_limit progress",
     "plan_many": "jobs processes progress options",
-    "reach": "robot height tilt step",
+    "reach": "robot height tilt step handover",
     "read_schedule": "path",
     "sweep": "study budget seed processes cache progress",
     "verify": "schedule job clearance",

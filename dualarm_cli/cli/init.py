@@ -75,18 +75,19 @@ def init_command(
         for reason in source.reasons:
             print_message(reason)
     files, tools = start_project(folder, source)
-    decisions = list(dict.fromkeys([*source.reasons, *tools]))
+    # An import has named the tools already.
+    tools = [tool for tool in tools if tool not in source.reasons]
     if json_output:
         print_json(
             {
                 "format": "dualarm.project/1",
                 "folder": str(folder),
                 "files": files,
-                "decisions": decisions,
+                "decisions": [*source.reasons, *tools],
             }
         )
         return
-    for tool in decisions[len(dict.fromkeys(source.reasons)) :]:
+    for tool in tools:
         print_message(tool)
     print_message(f"written: {', '.join(str(folder / name) for name in OWN_FILES)}")
     print_message("next:")

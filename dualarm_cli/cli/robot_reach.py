@@ -6,7 +6,7 @@ It is shown for each arm and for both.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +15,9 @@ from dualarm_cli.cli.parts.options import read_quantity, refuse_plot
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 from dualarm_cli.errors import UsageError
 from dualarm_cli.report.printable import print_lines
+
+if TYPE_CHECKING:
+    from dualarm_cli.notes import Note
 
 
 def reach_command(
@@ -60,7 +63,6 @@ def reach_command(
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.files.source.quantities import ANGLE, LENGTH
     from dualarm_cli.interface.reaching import reach, reach_cell
-    from dualarm_cli.report.reach import area_table, frame_table, handover_lines, reach_lines
 
     if out is not None:
         refuse_plot(out, force, "--out")
@@ -81,16 +83,23 @@ def reach_command(
     if json_output:
         print_json(document)
     else:
-        console = stdout_console()
-        console.print(
-            f"{robot}: reach {document['height']:.3g} m high, points {document['step'] * 1000:g} mm apart",
-            markup=False,
-        )
-        console.print(area_table(document))
-        if document["frames"]:
-            console.print(frame_table(document))
-        print_lines(console, *notes, *reach_lines(document))
-        if distance is not None:
-            print_lines(console, *handover_lines(document["handovers"], distance))
+        _print(document, notes, distance)
     if out is not None:
         print_message(f"written: {out}")
+
+
+def _print(document: dict[str, Any], notes: list[Note], distance: float | None) -> None:
+    """Print tables of areas and frames, notes, and hand-overs at a distance [m] if one is given."""
+    from dualarm_cli.report.reach import area_table, frame_table, handover_lines, reach_lines
+
+    console = stdout_console()
+    print_lines(
+        console,
+        f"{document['name']}: reach {document['height']:.3g} m high, points {document['step'] * 1000:g} mm apart",
+    )
+    console.print(area_table(document))
+    if document["frames"]:
+        console.print(frame_table(document))
+    print_lines(console, *notes, *reach_lines(document))
+    if distance is not None:
+        print_lines(console, *handover_lines(document["handovers"], distance))

@@ -269,7 +269,7 @@ def plan_settings(**options: Unpack[PlanOptions]) -> PlanSettings:
         UnknownSolverError: unknown redundancy solver.
         UsageError: any other value that is not allowed.
     """
-    for name in options.keys() - PlanOptions.__annotations__.keys():
+    for name in sorted(options.keys() - PlanOptions.__annotations__.keys()):
         raise UsageError(f"{name}: is no option; use {', '.join(PlanOptions.__annotations__)}")
     values: dict[str, Any] = {**options}
     platform, redundancy = values.pop("platform", None), values.pop("redundancy", None)

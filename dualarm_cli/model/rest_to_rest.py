@@ -162,8 +162,8 @@ class PassingLaw(RestToRest):
       back added up: its acceleration is at most min(a, j t) after a time t, and so its speed at most the integral of
       that, and v;
     - a joint that rises on the transfer to an approach on which it falls turns back between, at a speed of zero and
-      above the begin of the approach. It takes at least `to_turn` until then, and `from_turn` to the target. Both
-      grow with the distance.
+      above the begin of the approach. It takes at least the time of `ramp` until then, and `from_turn` to the
+      target. Both grow with the distance.
 
     The derivation is ours.
     """

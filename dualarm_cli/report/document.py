@@ -14,6 +14,7 @@ from dualarm_cli.model.verification import Verdict
 ArmName = Annotated[str, "arm"]
 JointName = Annotated[str, "joint"]
 Name = Annotated[str, "name"]
+LowerBound = Annotated[float | None, "s", "No plan is shorter (with `blend` none: none that is at rest after every transfer and line): of the same stages where the file gives the order, of all orders where the planner chose it; the conditions are in `notes`. None if no bound was computed."]
 GridGap = Annotated[float | None, "", "How far the best plan of the search's grid was above that grid's own bound, before it was refined."]
 OrderGridGap = Annotated[float | None, "", "By what share another order may be quicker on the grid of the search for orders, which proves nothing of plans; none for a given order."]
 ClearanceCost = Annotated[float | None, "s", "How much longer the plan is than the same method's plan without collision checking, both with all stops."]
@@ -170,12 +171,12 @@ class ReportStage(StageRow):
     work: list[ReportWork]
 
 
-class ReportDwells(TypedDict):
-    """Shares of an arm's dwells."""
+class DwellRow(TypedDict):
+    """Shares of a dwell, or of all dwells of an arm, in both files."""
 
-    gripper: Annotated[float, "s", "Share of the dwells for the gripper."]
-    settle: Annotated[float, "s", "Share of the dwells for coming to rest."]
-    handshake: Annotated[float, "s", "Share of the dwells for signals."]
+    gripper: Annotated[float, "s", "Share for the gripper."]
+    settle: Annotated[float, "s", "Share for coming to rest."]
+    handshake: Annotated[float, "s", "Share for signals."]
 
 
 class ReportWaits(TypedDict):
@@ -201,7 +202,7 @@ ReportArm = TypedDict(
         "return": Annotated[float, "s", "Time on the return to the start."],
         "path": Annotated[float, "s", "Time on paths."],
         "seam": Annotated[float, "s", "Time on seams."],
-        "dwell_shares": ReportDwells,
+        "dwell_shares": DwellRow,
         "waiting": Annotated[float, "s", "Time that the arm waits."],
         "waited": ReportWaits,
         "drawn_out_for_platform": Annotated[float, "s", "How much longer its transfers take so that it arrives with a slower platform."],
@@ -291,11 +292,16 @@ class ReportDelay(TypedDict):
     time: Annotated[float | None, "s", "Time of the violation in the plan, or none."]
 
 
-class ReportVerification(TypedDict):
-    """Result of the verification."""
+class VerificationRow(TypedDict):
+    """Checks of the verification, in both files."""
 
     passed: Annotated[bool, "", "Whether no check failed."]
     checks: list[CheckRow]
+
+
+class ReportVerification(VerificationRow):
+    """Result of the verification."""
+
     caveats: Annotated[list[str], "", "Sentences on what a pass leaves open: collisions not, or not fully, checked."]
     clearances: list[ReportClearance]
     delays: list[ReportDelay]
@@ -324,7 +330,7 @@ class Report(TypedDict):
     closes: Annotated[bool, "", "Whether it returns to the start."]
     parts: Annotated[int, "", "Number of tasks that pick or place a part."]
     parts_per_hour: Annotated[float | None, "1/h", "Throughput; none for a motion too short to mean anything."]
-    lower_bound: Annotated[float | None, "s", "No plan that is at rest after every transfer and line is shorter: of the same stages where the file gives the order, of all orders where the planner chose it; the conditions are in `notes`. None if no bound was computed."]
+    lower_bound: LowerBound
     gap: Annotated[float | None, "", "Share of the cycle time that lies above the lower bound."]
     grid_gap: GridGap
     order_grid_gap: OrderGridGap

@@ -48,7 +48,9 @@ class HeldJoint:
 
     @property
     def span(self) -> str:
-        """Range of positions with its unit."""
+        """Range of positions with its unit, for comments of the robot file."""
+        if not math.isfinite(self.upper - self.lower):
+            return "without position limits"
         return self._with_unit(self.lower, self.upper)
 
     def _with_unit(self, *positions: float) -> str:

@@ -14,15 +14,17 @@ from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hin
 
 from dualarm_cli.report.document import (
     ArmName,
-    CheckRow,
     ClearanceCost,
+    DwellRow,
     GridGap,
     JointName,
+    LowerBound,
     Name,
     OrderGridGap,
     Report,
     SettingsRow,
     StageRow,
+    VerificationRow,
 )
 
 GroupName = Annotated[str, "group"]
@@ -81,14 +83,6 @@ class ScheduleStage(StageRow):
     arm: Annotated[str, "", "The arm whose stage it is with `mode: free`; empty where it is both arms'."]
 
 
-class ScheduleDwell(TypedDict):
-    """Shares of a dwell."""
-
-    gripper: Annotated[float, "s", "Share of a dwell for the gripper."]
-    settle: Annotated[float, "s", "Share of a dwell for coming to rest."]
-    handshake: Annotated[float, "s", "Share of a dwell for signals."]
-
-
 class ScheduleSegment(TypedDict):
     """Segment of an arm."""
 
@@ -98,7 +92,7 @@ class ScheduleSegment(TypedDict):
     action: Annotated[str, "", "What is done at the target, such as pick or place."]
     start: Annotated[float, "s", "Start."]
     end: Annotated[float, "s", "End."]
-    dwell: ScheduleDwell
+    dwell: DwellRow
     reason: Annotated[str, "", "Why the arm waits; only for waits."]
 
 
@@ -136,20 +130,13 @@ class ScheduleProvenance(TypedDict):
     seed: Annotated[int, "", "Seed of all randomness."]
 
 
-class ScheduleVerification(TypedDict):
-    """Verification of the schedule."""
-
-    passed: Annotated[bool, "", "Whether no check failed."]
-    checks: list[CheckRow]
-
-
 class ScheduleFile(TypedDict):
     """Members of `schedule.json`."""
 
     format: Annotated[str, "", "`dualarm.schedule/2`."]
     robot: RobotMembers
     duration: Annotated[float, "s", "Length of the motion: the period where it returns to the start."]
-    lower_bound: Annotated[float | None, "s", "No plan is shorter (with `blend` none: none that is at rest after every transfer and line): of the same stages where the file gives the order, of all orders where the planner chose it; the conditions are in `notes`. None if no bound was computed."]
+    lower_bound: LowerBound
     grid_gap: GridGap
     order_grid_gap: OrderGridGap
     clearance_cost: ClearanceCost
@@ -161,7 +148,7 @@ class ScheduleFile(TypedDict):
     provenance: ScheduleProvenance
     notes: Annotated[list[str], "", "Choices and assumptions that a reader should know."]
     files: dict[Name, Annotated[str, "", "SHA-256 of each file of the set."]]
-    verification: ScheduleVerification | None
+    verification: VerificationRow | None
 
 
 def _rows(kind: Any, path: str) -> Iterator[tuple[str, tuple[str, str]]]:

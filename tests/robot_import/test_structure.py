@@ -217,6 +217,18 @@ def test_the_vertical_joint_of_a_waist_is_the_platform(
         assert (f"  {name}: 5.72958 deg\n" in file) == (name != platform)
 
 
+def test_a_held_joint_may_have_no_position_limits(
+    row: Row, write_rows: Write, import_with: Import
+) -> None:
+    """The upper joint of the waist turns without end."""
+    lower, _, upper = waist("0 0 1", "0 1 0").partition('name="waist2"')
+    endless = f'{lower}name="waist2"{upper.replace("revolute", "continuous")}'
+    rows = [row("left_", 0.3), row("right_", -0.3)]
+    file = import_with(write_rows(*rows, more=endless)).files["robot.yaml"].decode()
+    assert "# it carries both arms, without position limits; to let it move" in file
+    assert "  waist2: 0 deg\n" in file
+
+
 def test_a_row_with_a_mimic_joint_is_told_and_the_other_arm_keeps_its_side(
     row: Row, write_rows: Write, import_with: Import
 ) -> None:
