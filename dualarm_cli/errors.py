@@ -137,7 +137,7 @@ ALLOWED: Mapping[str, str] = {
     "rate": "a number [Hz]",
     "time": "a number [s]",
     "tilt": "a number [rad]",
-    **dict.fromkeys(("height", "step"), "a number [m]"),
+    **dict.fromkeys(("height", "step", "handover"), "a number [m]"),
 }
 """Allowed values of Python arguments, by name, for messages."""
 

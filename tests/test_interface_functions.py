@@ -292,6 +292,7 @@ def test_arguments_of_wrong_types_are_refused_by_name(found: Plan) -> None:
         (lambda: reach(job, height="80 cm"), r"height '80 cm': must be a number \[m\]"),
         (lambda: reach(job, tilt="5 deg"), r"tilt '5 deg': must be a number \[rad\]"),
         (lambda: reach(job, step="5 cm"), r"step '5 cm': must be a number \[m\]"),
+        (lambda: reach(job, handover="80 mm"), r"handover '80 mm': must be a number \[m\]"),
         (lambda: sweep(3), "study 3: must be the path of a study file, the name of a bundled job"),
     ):
         with pytest.raises(UsageError, match=message):

@@ -5,8 +5,9 @@ It is shown for each arm and for both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -15,9 +16,6 @@ from dualarm_cli.cli.parts.options import read_quantity, refuse_plot
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 from dualarm_cli.errors import UsageError
 from dualarm_cli.report.printable import print_lines
-
-if TYPE_CHECKING:
-    from dualarm_cli.notes import Note
 
 
 def reach_command(
@@ -83,14 +81,14 @@ def reach_command(
     if json_output:
         print_json(document)
     else:
-        _print(document, notes, distance)
+        _print(document, notes)
     if out is not None:
         print_message(f"written: {out}")
 
 
-def _print(document: dict[str, Any], notes: list[Note], distance: float | None) -> None:
-    """Print tables of areas and frames, notes, and hand-overs at a distance [m] if one is given."""
-    from dualarm_cli.report.reach import area_table, frame_table, handover_lines, reach_lines
+def _print(document: dict[str, Any], notes: Sequence[str]) -> None:
+    """Print areas and frames as tables, notes, and sentences."""
+    from dualarm_cli.report.reach import area_table, frame_table, reach_lines
 
     console = stdout_console()
     print_lines(
@@ -101,5 +99,3 @@ def _print(document: dict[str, Any], notes: list[Note], distance: float | None) 
     if document["frames"]:
         console.print(frame_table(document))
     print_lines(console, *notes, *reach_lines(document))
-    if distance is not None:
-        print_lines(console, *handover_lines(document["handovers"], distance))

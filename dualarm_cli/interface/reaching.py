@@ -62,7 +62,8 @@ def reach(
     """
     cell = robot.cell if isinstance(robot, Job) else robot
     cell = cell if isinstance(cell, Cell) else reach_cell(str(cell))[0]
-    for key, value in (("tilt", tilt), ("height", height), ("step", step)):
+    given = {"tilt": tilt, "height": height, "step": step, "handover": handover}
+    for key, value in given.items():
         if value is not None:
             check_type(key, value, SupportsFloat)
     if not abs(tilt) <= math.radians(MAX_TILT):
@@ -93,6 +94,7 @@ def reach(
     name = robot if isinstance(robot, str | Path) else cell.robot.name
     document = reach_document(str(name), cell, reach_map(cell, grid))
     if handover is not None:
+        document["handover_distance"] = handover
         document["handovers"] = handover_rows(cell, handover_poses(cell, handover), handover)
     return document
 

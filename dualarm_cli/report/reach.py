@@ -145,7 +145,7 @@ def ranges_of(places: Sequence[float | None], reached: Sequence[bool], rail: boo
 
 
 def reach_lines(document: Mapping[str, Any]) -> list[str]:
-    """Compose sentences on the reach of each arm and its bounds."""
+    """Compose sentences on the reach of each arm and its bounds, and lines of hand-overs."""
     lines = []
     for who, count in document["positions"].items():
         reached = np.array(count) > 0
@@ -164,7 +164,7 @@ def reach_lines(document: Mapping[str, Any]) -> list[str]:
         )
         subject = "both arms reach" if who == "both" else f"the {who} arm reaches"
         lines.append(f"{subject} points between x {x} and y {y}")
-    return [*lines, NOTE]
+    return [*lines, NOTE, *(_handover_lines(document) if "handovers" in document else ())]
 
 
 def handover_rows(
@@ -196,21 +196,13 @@ def handover_rows(
     ]
 
 
-def handover_lines(rows: Sequence[Mapping[str, Any]], distance: float) -> list[str]:
-    """Compose hand-over poses as lines for a task file, for either arm that gives.
-
-    Args:
-        rows: as `handover_rows` builds them.
-        distance: distance of the tool centre points [m].
-    """
-    if not rows:
-        return [
-            f"no hand-over with the tools {distance * 1000.0:g} mm apart was found; try another distance"
-        ]
-    lines = [
-        f"hand-overs with the tools {distance * 1000.0:g} mm apart, best first; the part is not checked:"
-    ]
-    for number, row in enumerate(rows, 1):
+def _handover_lines(document: Mapping[str, Any]) -> list[str]:
+    """Compose hand-over poses as lines for a task file, for either arm that gives."""
+    apart = f"with the tools {document['handover_distance'] * 1000.0:g} mm apart"
+    if not document["handovers"]:
+        return [f"no hand-over {apart} was found; try another distance"]
+    lines = [f"hand-overs {apart}, best first; the part is not checked:"]
+    for number, row in enumerate(document["handovers"], 1):
         lines.append(f"  # {number}: either arm may give")
         for arm, tool in row["tools"].items():
             pose, grip = (

@@ -11,12 +11,12 @@ import pinocchio as pin
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.cell_model import MeasuredRobot
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import INVERSE, descend
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
-from dualarm_cli.robot_import.contacts import bare_cell, random_postures, sampled_range, touches
+from dualarm_cli.robot_import.contacts import random_postures, sampled_range, touches
 
 
 @dataclass(frozen=True)
@@ -77,19 +77,17 @@ def _home_at(
     robot: Robot, tcps: Mapping[str, pin.SE3], seed: int, place: FloatArray
 ) -> FloatArray | None:
     """Find a collision-free posture for a platform position (k,), or None."""
-    model = CellModel.from_cell(bare_cell(robot), numeric=True)
+    measured = MeasuredRobot.of(robot, pin.SE3.Identity())
     middle = np.clip(0.0, robot.limits.lower, robot.limits.upper)
     middle[robot.columns(robot.platform)] = place
-    R, p = model.platform.pose(place)
+    R, p = measured.platform.pose(place)
     postures = random_postures(robot, SETTINGS.sampled, seed)
     centre = 0.5 * np.sum(sampled_range(robot), axis=0)
     # Around the middle of the ranges: postures in the outer half are seldom a useful start.
     postures = centre + SETTINGS.inner * (postures - centre)
     best: dict[str, FloatArray] = {}
     for arm in robot.arms:
-        numeric = model.arms[arm.name].kinematics
-        assert isinstance(numeric, GeneralArm)
-        rating = Rating(robot, arm.name, numeric, pin.SE3(R, p), tcps[arm.name])
+        rating = Rating(robot, arm.name, measured.general(arm), pin.SE3(R, p), tcps[arm.name])
         q = postures[:, robot.columns(arm.joints)]
         q = q[np.argsort(-rating.scores(q), kind="stable")[: SETTINGS.tried]]
         q = rating.tools_down(q)

@@ -140,7 +140,9 @@ def test_the_document_has_both_tools_and_the_joints(capsys):
     assert run(words) == 0
     assert "handovers" not in json.loads(capsys.readouterr().out)
     assert run([*words, "--handover", "0.08"]) == 0
-    row = json.loads(capsys.readouterr().out)["handovers"][0]
+    document = json.loads(capsys.readouterr().out)
+    row = document["handovers"][0]
+    assert document["handover_distance"] == 0.08
     assert row["grip"]["xyz"] == [0.0, 0.0, 0.08]
     for arm in load_robot("openarm").robot.arms:
         assert tuple(row["joints"][arm.name]) == arm.joints
