@@ -75,19 +75,18 @@ def init_command(
         for reason in source.reasons:
             print_message(reason)
     files, tools = start_project(folder, source)
-    # An import has named the tools already.
-    tools = [tool for tool in tools if tool not in source.reasons]
+    decisions = list(dict.fromkeys([*source.reasons, *tools]))
     if json_output:
         print_json(
             {
                 "format": "dualarm.project/1",
                 "folder": str(folder),
                 "files": files,
-                "decisions": [*source.reasons, *tools],
+                "decisions": decisions,
             }
         )
         return
-    for tool in tools:
+    for tool in decisions[len(dict.fromkeys(source.reasons)) :]:
         print_message(tool)
     print_message(f"written: {', '.join(str(folder / name) for name in OWN_FILES)}")
     print_message("next:")
