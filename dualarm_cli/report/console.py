@@ -184,6 +184,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     lines += blending_lines(report)
     lines.append(bound_line(report))
     lines += [report["bodies"]["text"], f"collisions: {report['collisions']}"]
+    lines += [f"torque: {text}" for text in _torques(report)]
     if report["skew"] is not None:
         lines.append(f"skew: {report['skew']}")
     if report["without_jerk_limit"]:
@@ -194,6 +195,18 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     lines += sensitivity_lines(report)
     lines += [f"note: {note}" for note in detail_notes(report)]
     return [*lines, *result_lines(report)]
+
+
+def _torques(report: dict[str, Any]) -> list[str]:
+    """Describe the largest torque, or why there is none, if the plan was verified."""
+    checks = (report["verification"] or {"checks": []})["checks"]
+    return [
+        f"not limited: {check['detail']}"
+        if check["verdict"] == "not checked"
+        else f"{check['measured']:.0%} of a joint's effort at most, {check['detail']}"
+        for check in checks
+        if check["name"] == "torque"
+    ]
 
 
 def _kind_lines(section: str, report: dict[str, Any]) -> list[str]:

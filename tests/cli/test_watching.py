@@ -96,7 +96,7 @@ def notes_of(out):
 def test_ctrl_c_ends_the_search_and_the_best_order_so_far_is_planned(open_order, tmp_path):
     """What happens now is said at once; files are written, verified, and say that it was interrupted."""
     watched = Watched(open_order, tmp_path / "out", *LONG)
-    watched.read(r"putting tasks in order: estimate \d+\.\d\d s, \d+ s")
+    watched.read(r"putting tasks in order: estimate \d+\.\d\d s, after \d+ s")
     watched.interrupt()
     watched.read(re.escape(STOPPING), seconds=AT_ONCE)
     code = watched.end()
@@ -201,17 +201,17 @@ def test_the_status_line_says_what_a_search_has_and_for_how_long(monkeypatch):
     monkeypatch.setattr("time.monotonic", lambda: now)
     watch = Watch(limit=30.0)
     line = StatusLine(watch, "planning")
-    assert line.words() == "planning: 0 s"
+    assert line.words() == "planning: after 0 s"
     watch.begin()
     watch.report("putting tasks in order")
-    assert line.words() == "putting tasks in order: 0 s of 30 s"
+    assert line.words() == "putting tasks in order: after 0 s of 30 s"
     for total, bound in ((38.0, 30.0), (37.6, 33.1), (39.0, 32.0)):
         watch.record(total)
         watch.record_bound(bound)
     figures = "estimate 37.60 s, bound of the search 33.10 s"
-    assert line.words() == f"putting tasks in order: {figures}, 0 s of 30 s"
+    assert line.words() == f"putting tasks in order: {figures}, after 0 s of 30 s"
     watch.count(1, 4)
-    assert line.words() == f"putting tasks in order: order 1 of 4, {figures}, 0 s of 30 s"
+    assert line.words() == f"putting tasks in order: order 1 of 4, {figures}, after 0 s of 30 s"
     now = 108.0
     watch.keep(SimpleNamespace(duration=40.5))
     watch.count(3, 4)
@@ -219,11 +219,11 @@ def test_the_status_line_says_what_a_search_has_and_for_how_long(monkeypatch):
     # Two orders took 8 s, two are left.
     assert line.words() == (
         "avoiding collisions in 2 of 9 stages: order 3 of 4, best 40.50 s, "
-        "bound of the search 33.10 s, 8 s of 30 s, at most about 8 s left"
+        "bound of the search 33.10 s, after 8 s of 30 s, at most about 8 s left"
     )
     watch.end()
     watch.report("verifying")
-    assert line.words() == "verifying: best 40.50 s, 8 s"
+    assert line.words() == "verifying: best 40.50 s, after 8 s"
 
 
 @pytest.mark.slow
@@ -252,7 +252,7 @@ def test_without_a_terminal_progress_is_a_line_from_time_to_time(monkeypatch, ca
         time.sleep(0.2)
     time.sleep(0.05)
     lines = capfd.readouterr().err.splitlines()
-    assert set(lines) == {"verifying: 0 s"} and 1 < len(lines) <= 10
+    assert set(lines) == {"verifying: after 0 s"} and 1 < len(lines) <= 10
     time.sleep(0.05)
     assert capfd.readouterr().err == ""
 

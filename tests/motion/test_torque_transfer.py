@@ -11,6 +11,7 @@ from dualarm_cli.interface import load, plan
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.motion.torque_transfer import TransferEnds, transfer_within_torques
+from dualarm_cli.report.console import summary_lines
 from dualarm_cli.verification.motion_checks import position_extrema, velocity_extrema
 from dualarm_cli.verification.torque_checks import InverseDynamics
 
@@ -143,3 +144,7 @@ def test_heavy_tools_cost_little_time(heavy_job) -> None:
     assert (within.verdict, limited.schedule.verification.passed) == ("passed", True)
     assert limited.schedule.duration <= 1.02 * free.schedule.duration
     assert any("another shape" in note for note in limited.schedule.notes)
+    [line] = (text for text in summary_lines(limited.report) if text.startswith("torque: "))
+    assert line == f"torque: {within.measured:.0%} of a joint's effort at most, {within.detail}"
+    [line] = (text for text in summary_lines(free.report) if text.startswith("torque: "))
+    assert line == f"torque: not limited: {beyond.detail}"

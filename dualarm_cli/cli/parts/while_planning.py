@@ -131,9 +131,9 @@ class StatusLine:
             figures.append(f"estimate {watch.best:.2f} s")
         if watch.searching and watch.bound is not None:
             figures.append(f"bound of the search {watch.bound:.2f} s")
-        elapsed = f"{time.monotonic() - self.begun:.0f} s"
+        elapsed = f"after {time.monotonic() - self.begun:.0f} s"
         if watch.searching and watch.limit is not None:
-            elapsed = f"{watch.elapsed():.0f} s of {watch.limit:g} s"
+            elapsed = f"after {watch.elapsed():.0f} s of {watch.limit:g} s"
         figures.append(elapsed)
         if (left := watch.left()) is not None:
             figures.append(f"at most about {left:.0f} s left")
