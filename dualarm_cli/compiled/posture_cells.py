@@ -69,7 +69,7 @@ def posture_cells(
     Returns:
         Platform cells and branches, shape (n,) each; lowest and highest joints, and platform angle [rad], shape
         (n, 8) each; least times of the line [s], shape (n,); least and greatest displacements of the joints on the line
-        [rad], infinite where unknown, (n, 7) each.
+        [rad], shape (n, 7) each: bounds for joints that must rise or fall, others have 0 between.
 
     Raises:
         MemoryError: out of memory.

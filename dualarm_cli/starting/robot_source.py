@@ -44,7 +44,7 @@ class RobotSource:
 def robot_path(robot: str) -> Path:
     """Convert `--robot` to a path, absolute for `./openarm`: a folder, not the bundled robot."""
     path = Path(robot)
-    return path.absolute() if robot != str(path) in bundled_robots() else path
+    return path.absolute() if str(path) in bundled_robots() and str(path) != robot else path
 
 
 def robot_source(request: ImportRequest) -> RobotSource:
@@ -64,7 +64,7 @@ def robot_source(request: ImportRequest) -> RobotSource:
     if (name in bundled or path.exists()) and request != ImportRequest(path):
         raise UsageError(
             f"--robot {name}: only a URDF or xacro file takes options of the import, such as --package-dir, "
-            "--xacro-arg and --platform"
+            "--xacro-arg and --platform; leave them out"
         )
     if name in bundled:
         return RobotSource(name, {}, name)

@@ -11,7 +11,6 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-import dualarm_cli.cli.parts.output as output
 from dualarm_cli.cli.parts.fitting import fitted
 from dualarm_cli.cli.run import run
 
@@ -122,9 +121,22 @@ def test_the_limits_of_a_robot_are_whole_in_80_columns(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Where each limit comes from is said once, as it is the same of all."""
-    monkeypatch.setattr(output, "PIPE_WIDTH", 80)
+    monkeypatch.setenv("COLUMNS", "80")
     assert run(["robot", "show", "sda10f"]) == 0
     out = capsys.readouterr().out
+    assert max(len(line) for line in out.splitlines() if "│" in line) <= 80
     assert "in every row: source assumed" in out
     assert "…" not in out
     assert "torso_b1" in out
+
+
+@pytest.mark.parametrize("columns", ["0", "wide"])
+def test_a_width_that_is_none_leaves_pipes_as_they_are(
+    columns: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With 0, which programs without a terminal set, tables would be empty."""
+    assert run(["robot", "show", "sda10f"]) == 0
+    out = capsys.readouterr().out
+    monkeypatch.setenv("COLUMNS", columns)
+    assert run(["robot", "show", "sda10f"]) == 0
+    assert capsys.readouterr().out == out

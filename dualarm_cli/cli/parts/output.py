@@ -84,7 +84,8 @@ def stdout_console() -> Console:
         # A stdout that is not UTF-8 gets escapes for unsupported characters, not a traceback.
         sys.stdout.reconfigure(errors="backslashreplace")
     console = Console(highlight=False, soft_wrap=False)
-    if console.is_terminal or os.environ.get("COLUMNS", "").isdigit():
+    # Programs without a terminal set COLUMNS to 0.
+    if console.is_terminal or os.environ.get("COLUMNS", "").lstrip("0").isdigit():
         return console
     return Console(highlight=False, width=PIPE_WIDTH)
 

@@ -15,7 +15,8 @@ typedef struct {
     double late; /* time beyond the least up to which displacements are enclosed [s]; 0 to leave them out */
 } LineLaw;
 
-/* Displacements of the joints on lines to the target [rad]; unbounded where they are unknown. */
+/* Displacements of the joints on lines to the target [rad]: bounds for joints that must rise or fall, for others any
+   interval with 0. */
 typedef struct {
     double low[JOINTS], high[JOINTS];
 } Displacements;
