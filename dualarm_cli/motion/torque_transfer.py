@@ -30,7 +30,7 @@ class ShapeSettings:
 
     intervals: int = 16
     """Number of intervals of constant jerk."""
-    longer: tuple[float, ...] = (1.005, 1.012, 1.025, 1.05, 1.1, 1.2, 1.4)
+    longer: tuple[float, ...] = (1.005, 1.012, 1.025, 1.045, 1.07, 1.1, 1.15, 1.22, 1.3, 1.4)
     """Durations that are tried, as multiples of the present one."""
     rounds: int = 4
     """Maximum number of linearisations for each duration."""
