@@ -31,6 +31,7 @@ from dualarm_cli.model.robot import Arm, Robot
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
+from dualarm_cli.robot_import.contacts import in_model_order, random_postures
 from dualarm_cli.robot_import.structure import GRIPPER, word_among, words
 
 _note = NoteTable(
@@ -356,9 +357,7 @@ def _has_room(cell: Cell, arm: Arm, tool: ProposedTool) -> bool:
         return True
     geometry, data = geometry_model(solids, pairs), model.createData()
     results = pin.GeometryData(geometry)
-    low = np.maximum(model.lowerPositionLimit, -np.pi)
-    high = np.minimum(model.upperPositionLimit, np.pi)
-    postures = np.random.default_rng(0).uniform(low, high, (TOOL.postures, model.nq))
+    postures = in_model_order(model, cell.robot, random_postures(cell.robot, TOOL.postures, 0))
     collisions = sum(
         pin.computeCollisions(model, data, geometry, results, q, True) for q in postures
     )
