@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -97,7 +97,7 @@ def fill(
             candidates = candidates.take(~done[candidates.node])
         return any_accepted
 
-    keep(seeds(model, arm, grid))
+    any(keep(batch) for batch in seeds(model, arm, grid))
     turn = 0
     while turn < len(FILLING.turns):
         rows: list[Postures] = []
@@ -133,8 +133,10 @@ def _max_change(turn: int) -> float:
     return FILLING.largest_change + abs(turn) * TURN / YAWS
 
 
-def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
+def seeds(model: CellModel, arm: str, grid: TableGrid) -> Iterator[Postures]:
     """Compute postures on nodes spread over the grid, up to `seeds_kept` per pose.
+
+    Closed forms solve all yaws at once. Searches take longer: a batch has one yaw, as most wrists hold the tool at any.
 
     Args:
         model: the cell.
@@ -142,12 +144,13 @@ def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
         grid: the nodes.
     """
     kinematics = model.arms[arm].kinematics
-    many, yaws = (FILLING.many, 1) if kinematics.solves_by_search else (FILLING.many_closed, YAWS)
+    many, count = (FILLING.many, 1) if kinematics.solves_by_search else (FILLING.many_closed, YAWS)
     spread = (grid.every(step) for step in FILLING.seed_steps)
     coarse = next((node for node in spread if len(node) >= many), np.arange(grid.size))
-    node, yaw = np.repeat(coarse, yaws), np.tile(np.arange(yaws), len(coarse))
-    R, p = flange_poses(model, arm, grid, node, yaw)
-    reached = kinematics.postures(R, p, first_only=True, thorough=False)
-    pose = reached.pose
-    selected = np.arange(len(pose)) - np.searchsorted(pose, pose) < FILLING.seeds_kept
-    return Postures(node[pose[selected]], yaw[pose[selected]], reached.q[selected])
+    for yaws in np.arange(YAWS).reshape(-1, count):
+        node, yaw = np.repeat(coarse, count), np.tile(yaws, len(coarse))
+        R, p = flange_poses(model, arm, grid, node, yaw)
+        reached = kinematics.postures(R, p, first_only=True, thorough=False)
+        pose = reached.pose
+        selected = np.arange(len(pose)) - np.searchsorted(pose, pose) < FILLING.seeds_kept
+        yield Postures(node[pose[selected]], yaw[pose[selected]], reached.q[selected])

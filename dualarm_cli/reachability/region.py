@@ -161,20 +161,23 @@ def platform_positions(cell: Cell) -> FloatArray:
     return angles[:, None] if len(angles) else home[None]
 
 
-def heights_reached(cell: Cell, here: Region, line: float = 0.0) -> tuple[FloatArray, ReachMap]:
+def heights_reached(
+    cell: Cell, here: Region, line: float = 0.0, lift: float = 0.0
+) -> tuple[FloatArray, ReachMap]:
     """Compute a coarse reach map over heights, with the platform at home.
 
     Args:
         cell: the cell with its tools.
         here: region of the cell.
         line: length by which the tool must be drawn back [m].
+        lift: height of the tool centre point above the multiples of the spacing [m].
 
     Returns:
         Heights of the tool centre point [m], shape (h,), and the map.
     """
     step = REGION.coarser * here.step
-    # Tables at the other end of the line are then on multiples of the spacing: that of the root's height is among them.
-    heights = np.arange(np.ceil(here.low / step), np.floor(here.high / step) + 1) * step + line
+    # Tables are on multiples of the spacing: that of the root's height is among them.
+    heights = np.arange(np.ceil(here.low / step), np.floor(here.high / step) + 1) * step + lift
     return heights, reach_map(cell, here.grid(here.home[None], heights, step), line)
 
 

@@ -115,6 +115,8 @@ class ProposedTool:
     """Length of an assumed gripper, which ends at the tip [m]; 0 without one."""
     radius: float = 0.0
     """Radius of its capsule [m]."""
+    beyond: float = 0.0
+    """Extent of the hand beyond the tip, along the tool [m]."""
 
     @property
     def rpy(self) -> tuple[float, float, float]:
@@ -299,25 +301,31 @@ def _tool(cell: Cell, arm: Arm, kinematics: GeneralArm) -> ProposedTool:
     axis, why = _outward(kinematics, beyond)
     data = {"arm": arm.name, "axis": axis, "flange": arm.flange, "why": why}
     along = np.array(_DIRECTIONS[axis][0])
+    far = max(product(box, along).max() for box in (np.zeros((1, 3)), *beyond.hand, *beyond.last))
+
+    def tool(key: str, tip: FloatArray, **more: object) -> ProposedTool:
+        """Make a tool without an assumed gripper from its tool centre point [m]."""
+        note = _note(key, mm=1e3 * float(norm(tip)), **data, **more)
+        left = max(0.0, float(far - product(tip, along)))
+        return ProposedTool(axis, _point(tip), note, beyond=left)
+
     if "tcp" in words(arm.flange):
-        return ProposedTool(axis, (0.0, 0.0, 0.0), _note("named", **data))
+        return tool("named", np.zeros(3))
     for link, origin in beyond.frames.items():
         if "tcp" in words(link) and product(origin, along) > TOOL.beyond:
-            note = _note("frame", frame=link, mm=1e3 * float(norm(origin)), **data)
-            return ProposedTool(axis, _point(origin), note)
+            return tool("frame", origin, frame=link)
     end = 0.0
     for box in beyond.hand:
         behind, ahead = sorted(product(box, along).tolist())
         if beyond.is_named or ahead - behind > TOOL.hand:
             if behind < 0.0 and ahead <= -behind:
-                return ProposedTool(axis, (0.0, 0.0, 0.0), _note("within", **data))
+                return tool("within", np.zeros(3))
             end = ahead if ahead > TOOL.beyond else 0.0
     for box in beyond.last:
         ahead = max(product(box, along).tolist())
         end = end or (ahead if ahead > TOOL.hand else 0.0)
     if end:
-        note = _note("hand", mm=1e3 * end, **data)
-        return ProposedTool(axis, _point(end * along), note)
+        return tool("hand", end * along)
     return _gripper(cell, arm, kinematics.length, data)
 
 

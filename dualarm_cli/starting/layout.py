@@ -135,14 +135,17 @@ def find_layout(bare: Cell, name: str) -> Layout:
     cell, tools = with_tools(bare)
     here = region(cell)
     cell = replace(cell, clearance=min(LAYOUT.clearance, 0.1 * here.step))
-    heights, reach = heights_reached(cell, here, 0.5 * here.step)
-    if not reach.both.any() and not all(reach.reached(arm).any() for arm in reach.postures):
+    # Hands that stand beyond their tool centre point must not touch the table.
+    hands = (round(tool.beyond + 2.0 * cell.clearance, 3) for tool in tools.values())
+    lift = max(0.5 * here.step, *hands)
+    heights, reach = heights_reached(cell, here, 0.5 * here.step, lift)
+    if not all(reach.reached(arm).any() for arm in reach.postures):
         raise InfeasibleError(Refusal("no_table", data={"robot": name}))
     room = False
     for arms_at_home in (True, False):
-        for table in _tables(cell, here, heights, reach, arms_at_home):
+        for table in _tables(cell, here, heights - lift, reach, arms_at_home):
             room = True
-            layout = _on_table(cell, tools, here, table)
+            layout = _on_table(cell, tools, here, table, lift)
             if layout is not None:
                 return layout
     key = "no_room_on_table" if room else "no_room_for_table"
@@ -150,19 +153,26 @@ def find_layout(bare: Cell, name: str) -> Layout:
 
 
 def _tables(
-    cell: Cell, here: Region, heights: FloatArray, reach: ReachMap, arms_at_home: bool
+    cell: Cell, here: Region, tops: FloatArray, reach: ReachMap, arms_at_home: bool
 ) -> list[Table]:
     """List the tables with the largest reach, best first.
 
     Those below the tools at home come first, and of these easily reached heights.
+
+    Args:
+        cell: the cell with its tools.
+        here: its region.
+        tops: table heights [m], shape (h,).
+        reach: reach map of targets above these tables, by height.
+        arms_at_home: whether tables must clear the arms at home.
     """
     step, grid = here.step, reach.grid
     model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
     tips = np.array([model.tool_position(arm, home) for arm in model.arms])
-    front, easy = _front(tips, here, grid), here.is_easy(heights)
+    front, easy = _front(tips, here, grid), here.is_easy(tops + 0.5 * step)
     ranked = []
-    for k, height in enumerate(heights):
-        top, thickness = round(float(height) - 0.5 * step, 4), min(0.04, step)
+    for k, top in enumerate(np.round(tops, 4).tolist()):
+        thickness = min(0.04, step)
         free = room_for_table(
             cell, grid.x, grid.y, (top - thickness, top), LAYOUT.room, arms=arms_at_home
         )
@@ -178,13 +188,13 @@ def _tables(
 
 
 def _on_table(
-    cell: Cell, tools: Mapping[str, ProposedTool], here: Region, table: Table
+    cell: Cell, tools: Mapping[str, ProposedTool], here: Region, table: Table, lift: float
 ) -> Layout | None:
     """Place trays and boxes on a table, cut to needed size.
 
-    None without room.
+    None without room. Targets are `lift` above the table [m].
     """
-    step, height = here.step, round(table.top + 0.5 * here.step, 4)
+    step, height = here.step, round(table.top + lift, 4)
     grid = here.grid(here.home[None], np.array([height]), step)
     x, y = (
         side[(side > low) & (side < high)]
@@ -242,7 +252,7 @@ def _rows(
     reaches = {arm: _arm_reach(reach, arm) for arm in reach.postures}
     grid = reach.grid
     middle = [
-        (c - side[0]) / grid.step
+        (c - side[0]) / here.step
         for c, side in zip(here.centre[::-1], (grid.y, grid.x), strict=True)
     ]
     count = LAYOUT.picks // len(reaches)

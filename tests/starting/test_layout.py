@@ -1,0 +1,102 @@
+"""Cells that `dualarm init` proposes for short arms, long hands, and wrists that hardly turn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dualarm_cli.cli.run import run
+from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.files.tasks.tasks import load_job
+
+OFFSETS = (
+    (0.0, 0.0, 0.1),
+    (0.0, 0.0, 0.08),
+    (0.0, 0.0, 0.17),
+    (0.0, 0.0, 0.17),
+    (0.02, 0.0, 0.06),
+    (0.0, 0.0, 0.05),
+)
+"""Origin of each joint in the link before [m], all joints at zero."""
+AXES = ("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> str:
+    """Returns a collision box from corner to corner."""
+    middle, size = (
+        " ".join(f"{v:.6g}" for v in rows)
+        for rows in (0.5 * np.add(low, high), np.subtract(high, low))
+    )
+    return (
+        f'<collision><origin xyz="{middle}"/><geometry><box size="{size}"/></geometry></collision>'
+    )
+
+
+def write_arm(
+    along: tuple[float, ...] = (0.0,) * 6, more: str = "", limits: dict[int, str] | None = None
+) -> str:
+    """Writes an arm of six joints that reaches 0.45 m from its shoulder; returns its path.
+
+    Args:
+        along: distance by which the origin of each joint is moved along its axis [m].
+        more: further links and joints.
+        limits: lowest and highest position of joints, by number.
+    """
+    text, parent = '<link name="base"/>', "base"
+    before = np.zeros(3)
+    for k, (offset, axis) in enumerate(zip(OFFSETS, AXES, strict=True)):
+        moved = along[k] * np.array([float(v) for v in axis.split()])
+        xyz = " ".join(f"{v:.6g}" for v in np.array(offset) + moved - before)
+        x, y, z = -moved
+        shape = box((x - 0.02, y - 0.02, z + 0.02), (x + 0.02, y + 0.02, z + 0.04))
+        low, high = ((limits or {}).get(k) or "-2.6 2.6").split()
+        text += (
+            f'<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/><origin xyz="{xyz}"/>'
+            f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" velocity="2" effort="1"/></joint>'
+            f'<link name="l{k}">{shape}</link>'
+        )
+        parent, before = f"l{k}", moved
+    Path("arm.urdf").write_text(f'<robot name="arm">{text}{more}</robot>')
+    return "arm.urdf"
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_origins_along_axes_make_no_difference() -> None:
+    """A URDF may have its joints anywhere on their axes, as far as the arm is long: the same arm, the same cell."""
+    for name, along in (("plain", (0.0,) * 6), ("moved", (0.0, 0.0, 0.4, -0.35, 0.0, 0.0))):
+        assert run(["init", name, "--robot", write_arm(along)]) == 0
+    plain, moved = (load_cell(Path(name) / "cell.yaml").cell for name in ("plain", "moved"))
+    assert plain.frames.keys() == moved.frames.keys()
+    for name, frame in plain.frames.items():
+        assert frame.isApprox(moved.frames[name], 1e-9)
+    assert (Path("plain") / "tasks.yaml").read_text() == (Path("moved") / "tasks.yaml").read_text()
+
+
+def test_a_hand_beyond_its_tool_centre_point_stays_above_the_table() -> None:
+    """Its fingers end 60 mm beyond the tip: targets are at least that high, at rows that are half a spacing apart."""
+    hand = (
+        '<joint name="palm_joint" type="fixed"><parent link="l5"/><child link="palm"/></joint><link name="palm">'
+        f'{box((-0.03, -0.03, 0.04), (0.03, 0.03, 0.16))}</link><joint name="tip_joint" type="fixed">'
+        '<parent link="palm"/><child link="arm_tip"/><origin xyz="0 0 0.1"/></joint><link name="arm_tip"/>'
+    )
+    assert run(["init", "demo", "--robot", write_arm(more=hand)]) == 0
+    assert run(["check", "demo/tasks.yaml"]) == 0
+    job = load_job(Path("demo/tasks.yaml"))
+    [table] = job.cell.obstacles
+    top = table.shape.pose.translation[2] + 0.5 * table.shape.size[2]
+    for task in job.tasks:
+        for stop in task.stops:
+            assert stop.target.pose.translation[2] - top > 0.06
+
+
+def test_a_wrist_that_does_not_face_the_front_gets_a_table() -> None:
+    """Joints 1 and 6 keep the tool's yaw away from 0 by more than 20 degrees, where all searches began."""
+    arm = write_arm(limits={0: "-0.7 0.7", 3: "-0.3 0.3", 5: "1.4 1.8"})
+    assert run(["init", "demo", "--robot", arm]) == 0
+    assert run(["check", "demo/tasks.yaml"]) == 0
