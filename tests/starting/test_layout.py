@@ -96,7 +96,7 @@ def test_a_hand_beyond_its_tool_centre_point_stays_above_the_table() -> None:
 
 
 def test_a_wrist_that_does_not_face_the_front_gets_a_table() -> None:
-    """Joints 1 and 6 keep the tool's yaw away from 0 by more than 20 degrees, where all searches began."""
-    arm = write_arm(limits={0: "-0.7 0.7", 3: "-0.3 0.3", 5: "1.4 1.8"})
+    """Joints 1 and 6 keep the tool's yaw away from 0 by more than 10 degrees, where all searches began."""
+    arm = write_arm(limits={0: "-0.7 0.7", 3: "-0.3 0.3", 5: "0.9 2.4"})
     assert run(["init", "demo", "--robot", arm]) == 0
     assert run(["check", "demo/tasks.yaml"]) == 0
