@@ -168,7 +168,7 @@ def test_other_distances_are_refused(words, said, capsys):
 def test_tools_that_cannot_meet_say_so(capsys):
     """No pose is within reach of both."""
     assert (
-        run(["robot", "reach", "openarm", "--height", "0.5", "--step", "0.2", "--handover", "0.9"])
+        run(["robot", "reach", "openarm", "--height", "0.5", "--step", "0.2", "--handover", "0.8"])
         == 0
     )
-    assert "no hand-over with the tools 900 mm apart was found" in capsys.readouterr().out
+    assert "no hand-over with the tools 800 mm apart was found" in capsys.readouterr().out
