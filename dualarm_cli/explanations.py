@@ -298,9 +298,10 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         (
             "The arms cannot point their tools straight down over a table, or only where the robot itself stands.",
             "Shapes of links are so wide that hardly any posture is clear; `dualarm robot reach` shows what is left.",
+            "Joints turn so little that a table has no room for two rows of targets for each arm.",
         ),
         (
-            "Write the cell by hand, with targets that the tools reach in another direction.",
+            "Write the cell by hand, with fewer targets, or with targets that the tools reach in another direction.",
             "Give links narrower shapes (`dualarm robot import --convex-parts`), or list pairs that may touch in `allowed_contacts`.",
         ),
         "error[E680]: no table was found for stacker: at no height do all its arms reach one …",

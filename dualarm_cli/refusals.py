@@ -312,8 +312,9 @@ _STARTING = {
     "otherwise",
     "no_room_for_table": "what {robot} reaches with tools down is within the room that the robot takes itself; "
     "write the cell by hand, or import the robot with narrower shapes (--convex-parts)",
-    "no_room_on_table": "{robot} reaches a table, but there is no room on it for two rows of targets for each arm; "
-    "`dualarm robot reach` shows what is reached. Write the cell by hand",
+    "no_room_on_table": "no table in front of {robot} has room for two rows of {count} targets {mm:.3g} mm apart for "
+    "each arm, all arms clear of each other. Write the cell by hand: `dualarm robot reach` with the folder of "
+    "`dualarm robot import` shows what is reached",
 }
 _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E600": _ORDERS,

@@ -149,7 +149,8 @@ def find_layout(bare: Cell, name: str) -> Layout:
             if layout is not None:
                 return layout
     key = "no_room_on_table" if room else "no_room_for_table"
-    raise InfeasibleError(Refusal(key, data={"robot": name}))
+    count, mm = LAYOUT.picks // len(tools), 1e3 * here.step
+    raise InfeasibleError(Refusal(key, data={"robot": name, "count": count, "mm": mm}))
 
 
 def _tables(

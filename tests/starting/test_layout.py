@@ -100,3 +100,16 @@ def test_a_wrist_that_does_not_face_the_front_gets_a_table() -> None:
     arm = write_arm(limits={0: "-0.7 0.7", 3: "-0.3 0.3", 5: "0.9 2.4"})
     assert run(["init", "demo", "--robot", arm]) == 0
     assert run(["check", "demo/tasks.yaml"]) == 0
+
+
+def test_an_arm_that_hardly_turns_is_told_the_room_that_is_lacking(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Two strips of 36 by 16 cm, at yaws of 90 degrees alone; the remedy works: reach of the imported folder."""
+    arm = write_arm(limits={0: "-0.7 0.7", 3: "-0.3 0.3", 5: "1.4 1.8"})
+    assert run(["init", "demo", "--robot", arm]) == 3
+    said = capsys.readouterr().err
+    assert "no table in front of arm.urdf has room for two rows of 6 targets 40 mm apart" in said
+    assert run(["robot", "import", arm, "--out", "arm"]) == 0
+    assert run(["robot", "reach", "arm"]) == 0
+    assert "the left arm reaches points between x" in capsys.readouterr().out
