@@ -303,29 +303,28 @@ def _tool(cell: Cell, arm: Arm, kinematics: GeneralArm) -> ProposedTool:
     along = np.array(_DIRECTIONS[axis][0])
     far = max(product(box, along).max() for box in (np.zeros((1, 3)), *beyond.hand, *beyond.last))
 
-    def tool(key: str, tip: FloatArray, **more: object) -> ProposedTool:
+    def tool(tip: FloatArray, note: Note) -> ProposedTool:
         """Make a tool without an assumed gripper from its tool centre point [m]."""
-        note = _note(key, mm=1e3 * float(norm(tip)), **data, **more)
         left = max(0.0, float(far - product(tip, along)))
         return ProposedTool(axis, _point(tip), note, beyond=left)
 
     if "tcp" in words(arm.flange):
-        return tool("named", np.zeros(3))
+        return tool(np.zeros(3), _note("named", **data))
     for link, origin in beyond.frames.items():
         if "tcp" in words(link) and product(origin, along) > TOOL.beyond:
-            return tool("frame", origin, frame=link)
+            return tool(origin, _note("frame", frame=link, mm=1e3 * float(norm(origin)), **data))
     end = 0.0
     for box in beyond.hand:
         behind, ahead = sorted(product(box, along).tolist())
         if beyond.is_named or ahead - behind > TOOL.hand:
             if behind < 0.0 and ahead <= -behind:
-                return tool("within", np.zeros(3))
+                return tool(np.zeros(3), _note("within", **data))
             end = ahead if ahead > TOOL.beyond else 0.0
     for box in beyond.last:
         ahead = max(product(box, along).tolist())
         end = end or (ahead if ahead > TOOL.hand else 0.0)
     if end:
-        return tool("hand", end * along)
+        return tool(end * along, _note("hand", mm=1e3 * end, **data))
     return _gripper(cell, arm, kinematics.length, data)
 
 
