@@ -143,7 +143,7 @@ class SerialChain(LimitedJoints):
         axes, moved = [*self.R_parent_joint[:, :, 2], np.zeros(3)], np.zeros(self.axes + 1)
 
         def link(k: int) -> FloatArray:
-            """Compute the vector from point k - 1 to point k in frame k - 1 [m]."""
+            """Compute the vector to point k in frame k - 1 [m]."""
             return np.asarray(p[k] + moved[k] * axes[k] - moved[k - 1] * up)
 
         for _ in range(10):  # further passes shorten industrial arms by less than 0.1 mm
