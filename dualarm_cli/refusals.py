@@ -240,7 +240,7 @@ _CLEARANCE = {
     "leaves it open), move the obstacle, or, if shapes are wider than the real bodies, list the pairs in "
     "`allowed_contacts`",
     "never_clear": "in every sampled posture {pairs:*, }{rest}; in the cell file give them smaller clearances of their "
-    "own: `clearances: [{entries:*, }]`",
+    "own, `clearances: [{entries:*, }]`, or list them in `allowed_contacts` if their shapes are wider than they are",
     "pair_clearance": "{{between: [{body_a}, {body_b}], clearance: …}}",
     "part_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, part '{held}' reaches "
     "{measured:mm} into '{into}', at best",

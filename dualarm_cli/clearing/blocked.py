@@ -24,32 +24,41 @@ NEAR_POSTURES = 500
 
 
 def start_faults(job: Job, holding: Holding) -> list[Refusal]:
-    """Refuse bodies that lack clearance in every posture, else those at the start.
+    """Refuse bodies that lack clearance in every posture, and others at the start.
+
+    Bodies that overlap in every posture count at the start, if it is given: contacts that are not allowed may be meant.
 
     Args:
         job: the job, with its start posture.
         holding: bodies that must not collide.
     """
     lacking = holding.cell.lacking(np.array(job.start_joints), holding.before[0])
-    near = _never_clear(job, holding, lacking)
-    if not near and job.start == "free":
-        return []
-    pairs = [
-        Refusal("touches", measured=-margin, data={"body_a": body_a, "body_b": body_b})
-        for body_a, body_b, margin in near or lacking
+    special = {frozenset(pair): least for *pair, least in job.cell.clearances}
+    never = [
+        (body_a, body_b, margin)
+        for body_a, body_b, margin in _never_clear(job, holding, lacking)
+        if job.start == "free"
+        or margin + special.get(frozenset((body_a, body_b)), job.cell.clearance) >= 0.0
     ]
-    if not pairs:
-        return []
-    omitted = len(pairs) - MOST_PAIRS
-    details = {
-        "posture": job.start,
-        "pairs": pairs[:MOST_PAIRS],
-        "rest": f", and {omitted} more pairs" if omitted > 0 else "",
-        "entries": [replace(pair, key="pair_clearance") for pair in pairs[:MOST_PAIRS]],
-    }
-    place = job.start_place if job.start_place.line else None
-    key = "never_clear" if near else "start_touches"
-    return [Refusal(key, place, measured=pairs[0].measured, data=details)]
+    named = {pair[:2] for pair in never}
+    at_start = [] if job.start == "free" else [p for p in lacking if p[:2] not in named]
+    refusals = []
+    for key, found in (("never_clear", never), ("start_touches", at_start)):
+        pairs = [
+            Refusal("touches", measured=-margin, data={"body_a": body_a, "body_b": body_b})
+            for body_a, body_b, margin in found
+        ]
+        omitted = len(pairs) - MOST_PAIRS
+        details = {
+            "posture": job.start,
+            "pairs": pairs[:MOST_PAIRS],
+            "rest": f", and {omitted} more pairs" if omitted > 0 else "",
+            "entries": [replace(pair, key="pair_clearance") for pair in pairs[:MOST_PAIRS]],
+        }
+        place = job.start_place if job.start_place.line else None
+        if pairs:
+            refusals.append(Refusal(key, place, measured=pairs[0].measured, data=details))
+    return refusals
 
 
 def _never_clear(

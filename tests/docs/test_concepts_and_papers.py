@@ -18,6 +18,7 @@ from dualarm_cli.model.verification import Verdict
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
 from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.torque_checks import SAMPLING
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAPERS = "tasks/papers/"
@@ -141,5 +142,6 @@ def test_tolerances_of_the_page_are_the_verifiers() -> None:
     assert (TOL.chain_distance, TOL.chain_angle) == (1e-6, 1e-6)
     assert "at 1 kHz and all knots, 0.01 % |" in text
     assert TOL.tool_speed_slack == 1e-4
-    assert "| torque on paths (`torque: limited`) | 0.1 % |" in text
+    assert "of every joint | at all knots and every 8 ms, 0.1 % |" in text
+    assert SAMPLING.step == 0.008
     assert TOL.torque_slack == 1e-3

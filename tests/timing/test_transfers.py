@@ -76,7 +76,7 @@ def test_solvers_without_jerk_say_whose_jerk_they_would_break(limits, without_je
     assert why_jerk_limits_unsupported(without_jerk) is None
     reason = why_jerk_limits_unsupported(limits)
     assert "7 joints have jerk limits (s, l, e...)" in reason
-    assert "--timing ruckig" in reason
+    assert "use timing ruckig" in reason
 
 
 @pytest.mark.parametrize(
