@@ -43,10 +43,10 @@ def start_faults(job: Job, holding: Holding) -> list[Refusal]:
     named = {pair[:2] for pair in never}
     at_start = [] if job.start == "free" else [p for p in lacking if p[:2] not in named]
     refusals = []
-    for key, found in (("never_clear", never), ("start_touches", at_start)):
+    for key, touching in (("never_clear", never), ("start_touches", at_start)):
         pairs = [
             Refusal("touches", measured=-margin, data={"body_a": body_a, "body_b": body_b})
-            for body_a, body_b, margin in found
+            for body_a, body_b, margin in touching
         ]
         omitted = len(pairs) - MOST_PAIRS
         details = {
