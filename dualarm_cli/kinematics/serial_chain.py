@@ -134,6 +134,12 @@ class SerialChain(LimitedJoints):
 
     @cached_property
     def length(self) -> float:
+        """Sum of the distances from joint to joint, up to the flange [m]."""
+        links = norm([*self.p_parent_joint[1:], self.p_last_flange], axis=1)
+        return float(links.sum())
+
+    @cached_property
+    def reach(self) -> float:
         """Upper bound on the flange's distance from the first axis' origin [m].
 
         Joints that slide are at 0. The bound is the length of links between points of the axes, and these are moved
@@ -165,7 +171,7 @@ class SerialChain(LimitedJoints):
         """
         slides = list(self.slides)
         travel = np.maximum(np.abs(self.lower[slides]), np.abs(self.upper[slides]))
-        return self.length + float(travel.sum())
+        return self.reach + float(travel.sum())
 
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute flange poses.

@@ -109,8 +109,8 @@ def region(cell: Cell) -> Region:
     for name, arm in general_arms(cell).items():
         first, second = arm.p_parent_joint[:2]
         shoulders.append(p + product(R, first + product(arm.R_parent_joint[0], second)))
-        reaches.append(arm.length + float(norm(cell.tools[name].tcp.translation)))
-        slides.append(arm.farthest - arm.length)
+        reaches.append(arm.reach + float(norm(cell.tools[name].tcp.translation)))
+        slides.append(arm.farthest - arm.reach)
     at, reach = np.array(shoulders), np.array(reaches)
     centre = at[:, :2].mean(axis=0)
     if model.platform.is_turntable:

@@ -158,7 +158,7 @@ class Rating:
         R, p = self.tools(q)
         first, second = arm.p_parent_joint[:2]
         shoulder = self.T_world_carried.act(first + product(arm.R_parent_joint[0], second))
-        reach = arm.length
+        reach = arm.reach
         height = max(shoulder[2] - SETTINGS.below * reach, SETTINGS.above * reach)
         aim = np.array([shoulder[0] + SETTINGS.ahead * reach, shoulder[1], height])
         singular = singular_values(arm.linearised(q)[2])[:, -1]

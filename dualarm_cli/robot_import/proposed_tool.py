@@ -325,7 +325,7 @@ def _tool(cell: Cell, arm: Arm, kinematics: GeneralArm) -> ProposedTool:
         end = end or (ahead if ahead > TOOL.hand else 0.0)
     if end:
         return tool(end * along, _note("hand", mm=1e3 * end, **data))
-    return _gripper(cell, arm, kinematics.length, data)
+    return _gripper(cell, arm, kinematics.reach, data)
 
 
 def _point(place: FloatArray) -> tuple[float, float, float]:

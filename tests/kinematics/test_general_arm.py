@@ -74,21 +74,21 @@ def test_the_second_joint_is_on_an_arc_about_the_first_one(general_robots):
 
 
 @pytest.mark.parametrize("name", ["yumi", "nextage", "spherical"])
-def test_the_length_is_that_of_the_stretched_arm(general_robots, name):
+def test_the_reach_is_that_of_the_stretched_arm(general_robots, name):
     """Whatever the places of the joints' origins along their axes; as far as the farthest of random postures."""
     _, _, arm = measured(general_robots, name, "left")
     rng = np.random.default_rng(7)
     q = rng.uniform(-np.pi, np.pi, (20_000, arm.axes))
     p = arm.forward(q)[1]
     farthest = np.linalg.norm(p - arm.p_parent_joint[0], axis=1).max()
-    assert farthest <= arm.length <= 1.03 * farthest
+    assert farthest <= arm.reach <= 1.03 * farthest
     moved, up = rng.uniform(-0.5, 0.5, arm.axes), np.array([0.0, 0.0, 1.0])
     moved[0] = 0.0
     steps = arm.p_parent_joint + moved[:, None] * arm.R_parent_joint[:, :, 2]
     steps[1:] -= moved[:-1, None] * up
     same = replace(arm, p_parent_joint=steps, p_last_flange=arm.p_last_flange - moved[-1] * up)
     np.testing.assert_allclose(same.forward(q[:100])[1], p[:100], atol=1e-12)
-    assert same.length == pytest.approx(arm.length, rel=2e-3)
+    assert same.reach == pytest.approx(arm.reach, rel=2e-3)
 
 
 def test_a_pose_error_is_the_rotation_vector_between_rotations():
