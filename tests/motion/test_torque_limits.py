@@ -11,23 +11,14 @@ import pytest
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
-from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.job import ANY
-from dualarm_cli.model.robot import Arm, JointLimits, JointTorques, Robot
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import SETTINGS, within_torques
+from tests.pendulum import GRAVITY, LENGTH, MASS, ONE, PART, pendulum
 
-MASS, LENGTH, GRAVITY, ACCELERATION, PART = 2.0, 0.5, 9.81, 40.0, 3.0
-URDF = """\
-<robot name="pendulum"><link name="base"/>
-<joint name="swing" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" velocity="9" effort="{effort}"/></joint>
-<link name="arm"><inertial><mass value="1e-12"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>
-</link></robot>
-"""
-ONE = np.ones(1)
+ACCELERATION = 40.0
 LYING = pin.SE3(pin.utils.rotate("x", np.pi / 2), np.zeros(3))
 """Base with which the joint's axis is vertical, so that gravity needs no torque."""
 H = 0.1
@@ -37,15 +28,8 @@ def job_of(
     effort: float, base: pin.SE3 = LYING, rule: str = "limited", **torques: float
 ) -> SimpleNamespace:
     """A bar without mass about y, with a tool of 2 kg at its end."""
-    limits = JointLimits(("swing",), -3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE, 900 * ONE, ("assumed",))
-    arm = Arm("left", ("swing",), "arm", "general")
-    robot = Robot("pendulum", URDF.format(effort=effort), (), (arm,), limits)
     stated = {name: value * ONE for name, value in torques.items()}
-    robot = replace(robot, stated_torques=replace(JointTorques.of_effort(effort * ONE), **stated))
-    tcp = pin.SE3(np.eye(3), np.array([LENGTH, 0.0, 0.0]))
-    tool = Tool(tcp, pin.Inertia(MASS, tcp.translation, np.zeros((3, 3))))
-    box = {"box": pin.Inertia(PART, np.zeros(3), np.zeros((3, 3)))}
-    cell = Cell(robot, base, {"left": tool}, torque=rule, parts={"box": ()}, part_inertias=box)
+    cell = replace(pendulum(effort, base, **stated), torque=rule)
     return SimpleNamespace(cell=cell, tasks=())
 
 

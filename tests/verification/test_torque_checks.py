@@ -14,40 +14,11 @@ import pytest
 
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.model.cell import Cell, Held, Tool
-from dualarm_cli.model.robot import Arm, JointLimits, JointTorques, Robot
+from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Event
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification.torque_checks import InverseDynamics, Payload, check_torques
-
-MASS, LENGTH, GRAVITY = 2.0, 0.5, 9.81
-URDF = """\
-<robot name="pendulum"><link name="base"/>
-<joint name="swing" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" velocity="9" effort="{effort}"/></joint>
-<link name="arm"><inertial><mass value="1e-12"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>
-</link></robot>
-"""
-ONE, ARM = np.ones(1), "left"
-
-
-def pendulum(effort: float, base: pin.SE3 | None = None, **torques: object) -> Cell:
-    """A bar without mass that turns about y, 2 kg at its end, and a part of 3 kg in its tool."""
-    limits = JointLimits(("swing",), -3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE, 900 * ONE, ("assumed",))
-    arm = Arm(ARM, ("swing",), "arm", "general")
-    robot = Robot("pendulum", URDF.format(effort=effort), (), (arm,), limits)
-    if torques:
-        known = JointTorques.of_effort(effort * ONE)
-        robot = replace(robot, stated_torques=replace(known, **torques))
-    tcp = pin.SE3(np.eye(3), np.array([LENGTH, 0.0, 0.0]))
-    tool = Tool(tcp, pin.Inertia(MASS, tcp.translation, np.zeros((3, 3))))
-    part = pin.Inertia(3.0, np.zeros(3), np.zeros((3, 3)))
-    return Cell(
-        robot,
-        base or pin.SE3.Identity(),
-        {ARM: tool},
-        parts={"box": ()},
-        part_inertias={"box": part},
-    )
+from tests.pendulum import ARM, GRAVITY, LENGTH, MASS, ONE, pendulum
 
 
 def judged(cell: Cell, q: float, v: float = 0.0, a: float = 0.0, *, picks: float | None = None):
