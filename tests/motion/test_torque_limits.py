@@ -11,7 +11,9 @@ import pytest
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
+from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY
+from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
