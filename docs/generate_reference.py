@@ -36,7 +36,7 @@ from dualarm_cli.files.source.quantities import Dimension
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.schemas.kinds_of_files import INPUT_FILES
-from dualarm_cli.schemas.result_fields import REPORT, SCHEDULE
+from dualarm_cli.schemas.result_fields import REPORT, RESULTS, SCHEDULE, member_rows
 from dualarm_cli.verification.measuring.criteria import CRITERIA, Criterion
 
 FOLDER = Path(__file__).parent / "reference"
@@ -51,7 +51,7 @@ CHECKS_OF = {
 }
 """Sentences under headings of checks."""
 PAGES = (
-    *("tasks", "cell", "robot", "study", "points", "base", "schedule", "report"),
+    *("tasks", "cell", "robot", "study", "points", "base", "schedule", "report", "documents"),
     *("commands", "solvers", "checks", "errors", "python"),
 )
 """Pages of the reference in the order of the menu."""
@@ -73,6 +73,7 @@ def pages() -> dict[str, str]:
         **{f"{name}.md": _file_page(INPUT_FILES[name](), *page) for name, page in files.items()},
         "schedule.md": _schedule_page(),
         "report.md": _report_page(),
+        "documents.md": _documents_page(),
         "commands.md": _commands_page(),
         "solvers.md": _solvers_page(),
         "checks.md": _checks_page(),
@@ -92,6 +93,7 @@ def _index() -> str:
                 "| [tasks](tasks.md), [cell](cell.md), [robot](robot.md) | the files that describe a job |",
                 "| [study](study.md), [points](points.md), [base](base.md) | files of layout studies and calibration |",
                 "| [schedule](schedule.md), [report](report.md) | the files that a plan writes |",
+                "| [documents](documents.md) | what `compare`, `robot reach` and `sweep` print with `--json` |",
                 "| [commands](commands.md) | commands, options, exit codes |",
                 "| [solvers](solvers.md) | the methods by family |",
                 "| [checks](checks.md) | what `dualarm verify` measures |",
@@ -358,6 +360,20 @@ def _report_page() -> str:
         "list.",
         _members(REPORT),
     )
+
+
+def _documents_page() -> str:
+    """Returns the page of documents that commands print and functions return."""
+    parts = [
+        "# Documents of comparisons, reach and studies",
+        "Commands print them with `--json`; functions of the [Python interface](python.md) return them, with types. "
+        "SI units, except for parameters with units of their own. `<name>` stands for a name, `[]` for each entry of "
+        "a list.",
+    ]
+    for kind, (description, members) in RESULTS.items():
+        if kind not in ("schedule", "report"):
+            parts += [f"## `{kind}`", description, _members(dict(member_rows(members, "")))]
+    return _joined(*parts)
 
 
 # Commands

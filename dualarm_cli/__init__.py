@@ -31,6 +31,12 @@ if TYPE_CHECKING:
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Event, JointSamples, Schedule
     from dualarm_cli.model.verification import Check, Verification
+    from dualarm_cli.report.comparisons import (
+        ReachReport,
+        ScheduleComparison,
+        SolverComparison,
+        StudyReport,
+    )
     from dualarm_cli.report.document import Report
     from dualarm_cli.studies.sweep import sweep
 
@@ -50,8 +56,12 @@ __all__ = [
     "MissingDependencyError",
     "OutputError",
     "Plan",
+    "ReachReport",
     "Report",
     "Schedule",
+    "ScheduleComparison",
+    "SolverComparison",
+    "StudyReport",
     "UsageError",
     "Verification",
     "__version__",
@@ -77,6 +87,7 @@ _ERRORS = (
     "MissingDependencyError",
     "OutputError",
 )
+_DOCUMENTS = ("ReachReport", "ScheduleComparison", "SolverComparison", "StudyReport")
 _HOMES = {
     **dict.fromkeys((*_ERRORS, "UsageError", "explain"), "dualarm_cli.errors"),
     "Explanation": "dualarm_cli.explanations",
@@ -91,6 +102,7 @@ _HOMES = {
     **dict.fromkeys(("Event", "JointSamples", "Schedule"), "dualarm_cli.model.schedule"),
     **dict.fromkeys(("Check", "Verification"), "dualarm_cli.model.verification"),
     "Report": "dualarm_cli.report.document",
+    **dict.fromkeys(_DOCUMENTS, "dualarm_cli.report.comparisons"),
     "sweep": "dualarm_cli.studies.sweep",
 }
 """Modules of the public names, imported at first use because libraries load slowly."""

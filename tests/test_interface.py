@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints, is_typedd
 import numpy as np
 import pinocchio as pin
 import pytest
+from jsonschema import Draft202012Validator
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
@@ -22,7 +23,11 @@ import dualarm_cli
 from dualarm_cli import (
     InputError,
     Plan,
+    ReachReport,
     Report,
+    ScheduleComparison,
+    SolverComparison,
+    StudyReport,
     UsageError,
     compare,
     compare_solvers,
@@ -37,6 +42,7 @@ from dualarm_cli.formats.request import COLUMNS, Column
 from dualarm_cli.interface import PlanOptions
 from dualarm_cli.model import settings
 from dualarm_cli.model.blending import BLENDINGS
+from dualarm_cli.schemas import schema_of
 from dualarm_cli.timing import TIMING_SOLVERS
 
 ROOT = Path(__file__).parents[1]
@@ -57,7 +63,8 @@ PUBLIC = {
 """Public functions and their parameters: what is changed here is changed for users."""
 CLASSES = (
     "Check Diagnostic DualArmError Event Explanation Export InfeasibleError InputError Job JointSamples "
-    "MissingDependencyError OutputError Plan Report Schedule UsageError Verification"
+    "MissingDependencyError OutputError Plan ReachReport Report Schedule ScheduleComparison "
+    "SolverComparison StudyReport UsageError Verification"
 )
 
 
@@ -108,6 +115,38 @@ def test_reports_have_the_types_that_checkers_see(found: Plan) -> None:
         assert list(report) == list(hints)
         assert [name for name, kind in hints.items() if not fits(report[name], kind)] == []
     assert not fits({**found.report, "parts": "2"}, Report)
+
+
+def test_documents_have_the_types_that_checkers_see_and_their_schemas(
+    found: Plan,
+) -> None:
+    """Of two schedules with a cause, of methods on a job, of a table with hand-overs, of a study with failures."""
+    study = {
+        "dualarm": "study/1",
+        "tasks": ["01_first_pick"],
+        "parameters": {"clear": {"tasks": "tasks[0].pick.xyz[0]", "values": [0.45, 3.0]}},
+        "settings": {"effort": "quick"},
+    }
+    slow = plan(load("01_first_pick", {"tasks:/speed": 0.5}), effort="quick")
+    documents: list[tuple[str, type, Any]] = [
+        ("schedule-comparison", ScheduleComparison, dualarm_cli.compare(found, slow)),
+        (
+            "comparison",
+            SolverComparison,
+            dualarm_cli.compare_solvers(found.job, effort="quick"),
+        ),
+        ("reach", ReachReport, dualarm_cli.reach(found.job, height=0.8, step=0.2, handover=0.1)),
+        ("sweep", StudyReport, dualarm_cli.sweep(study, processes=1)),
+    ]
+    for kind, members, document in documents:
+        hints = get_type_hints(members)
+        assert list(document) == list(hints), kind
+        assert [name for name, inner in hints.items() if not fits(document[name], inner)] == []
+        wrong = Draft202012Validator(schema_of(kind)).iter_errors(document)
+        assert [f"{error.json_path}: {error.message}" for error in wrong] == []
+    assert documents[0][2]["stages"][0]["blame"] is not None
+    assert documents[2][2]["handovers"] and documents[3][2]["failures"]
+    assert "handovers" not in ReachReport.__required_keys__
 
 
 def test_choices_that_checkers_see_are_those_that_exist() -> None:
@@ -387,17 +426,26 @@ def test_the_docs_import_public_names_only() -> None:
 def test_a_strict_type_checker_sees_types(tmp_path: Path) -> None:
     """Of the public names and of a report's members, outside the source tree."""
     (tmp_path / "mine.py").write_text(
-        "from dualarm_cli import load, plan\n"
-        "report = plan(load('tasks.yaml')).report\n"
-        "reveal_type(report['stages'][0]['bottleneck'])\n"
-        "report['cycletime']\n"
+        "from dualarm_cli import compare, compare_solvers, load, plan, reach, sweep\n"
+        "job = load('tasks.yaml')\n"
+        "made = plan(job)\n"
+        "reveal_type((\n"
+        "    made.report['stages'][0]['bottleneck'],\n"
+        "    compare(made, 'before')['stages'][0]['difference'],\n"
+        "    compare_solvers(job)['comparisons'][0]['rows'][0]['cycle_time'],\n"
+        "    reach(job)['area']['left'],\n"
+        "    sweep('study.yaml')['rows'][0]['pareto'],\n"
+        "))\n"
+        "made.report['cycletime']\n"
     )
     environment = {"MYPYPATH": str(ROOT), "PATH": "", "HOME": str(tmp_path)}
     command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports", "silent", "mine.py"]
     done = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
-    assert re.search(r'Revealed type is "(builtins\.)?str"', done.stdout), done.stdout
+    revealed = done.stdout.replace("builtins.", "")
+    assert "tuple[str, float, float | None, list[float], bool]" in revealed, done.stdout
+    assert "Found 1 error" in revealed
     assert """has no key "cycletime""" in done.stdout
 
 

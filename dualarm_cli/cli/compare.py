@@ -29,13 +29,14 @@ from dualarm_cli.errors import UnknownSolverError, UsageError
 from dualarm_cli.report.printable import print_lines, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.settings import PlanSettings
     from dualarm_cli.page.side_by_side import PlanKey
     from dualarm_cli.planning.comparison import Case, Outcome
+    from dualarm_cli.report.comparisons import SolverComparison
 
 DOCUMENT, TABLE, FIGURE = "comparison.json", "comparison.csv", "comparison.png"
 SOLVERS_PAGE = "comparison.html"
@@ -194,7 +195,7 @@ def _compare(
     settings: PlanSettings,
     plans: dict[PlanKey, dict[str, Any]] | None,
     quiet: bool,
-) -> dict[str, Any]:
+) -> SolverComparison:
     """Build the document of all jobs.
 
     `plans`, if given, gets the data of the plans' pages.
@@ -233,7 +234,7 @@ def _kept(
 
 
 def _write(
-    document: dict[str, Any],
+    document: Mapping[str, Any],
     plans: dict[PlanKey, dict[str, Any]] | None,
     out: str | None,
     plot: Path | None,
@@ -265,7 +266,7 @@ def _write(
     say(f"written: {out}")
 
 
-def _print(document: dict[str, Any]) -> None:
+def _print(document: Mapping[str, Any]) -> None:
     from dualarm_cli.kinds import of_kinds
     from dualarm_cli.report.comparison.comparison_table import comparison_table, reason_lines
 
@@ -280,7 +281,7 @@ def _print(document: dict[str, Any]) -> None:
         print_lines(console, *reason_lines(section), section["sentence"])
 
 
-def _exit_code(document: dict[str, Any]) -> int:
+def _exit_code(document: Mapping[str, Any]) -> int:
     """Compute the exit code: 1 failed verification, 3 job without plan, 2 unsupported job."""
     sections = [{row["status"] for row in section["rows"]} for section in document["comparisons"]]
     if any("failed" in statuses for statuses in sections):
@@ -347,7 +348,7 @@ def schedules_command(
 
 
 def _page_of_both(
-    plans: tuple[Schedule, Schedule], paths: tuple[Path, Path], document: dict[str, Any]
+    plans: tuple[Schedule, Schedule], paths: tuple[Path, Path], document: Mapping[str, Any]
 ) -> bytes:
     """Build the page of two synchronised plans, each verified with its task file."""
     from dualarm_cli.cli.report import tasks_of

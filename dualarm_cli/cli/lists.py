@@ -95,7 +95,7 @@ def schema_command(
         if out is not None:
             raise UsageError(f"--out {out}: name a kind of file, such as tasks")
         for name in KINDS:
-            typer.echo(f"{name:9} {schema_of(name)['description']}")
+            typer.echo(f"{name:19} {schema_of(name)['description']}")
         return
     if kind not in KINDS:
         guess = did_you_mean(kind, list(KINDS)) or ";"

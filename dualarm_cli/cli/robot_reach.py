@@ -5,7 +5,7 @@ It is shown for each arm and for both.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -86,7 +86,7 @@ def reach_command(
         print_message(f"written: {out}")
 
 
-def _print(document: dict[str, Any], notes: Sequence[str]) -> None:
+def _print(document: Mapping[str, Any], notes: Sequence[str]) -> None:
     """Print areas and frames as tables, notes, and sentences."""
     from dualarm_cli.report.reach import area_table, frame_table, reach_lines
 

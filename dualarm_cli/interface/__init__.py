@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from dualarm_cli.planning.comparison import Case, Outcome
+    from dualarm_cli.report.comparisons import ScheduleComparison, SolverComparison
 
 PAGE = "report.html"
 """File name of a schedule's page."""
@@ -327,7 +328,7 @@ def compare(
     before: Schedule | Plan | str | Path,
     after: Schedule | Plan | str | Path,
     names: tuple[str, str] = ("A", "B"),
-) -> dict[str, Any]:
+) -> ScheduleComparison:
     """Compare two plans stage by stage, as `dualarm compare schedules --json` [s, rad, m].
 
     Args:
@@ -344,8 +345,7 @@ def compare(
 
     first, second = schedule_of(before, "before"), schedule_of(after, "after")
     document = compare_schedules(first, second, names)
-    document["sentence"] = schedules_sentence(document)
-    result: dict[str, Any] = printable(document)
+    result: ScheduleComparison = printable(document | {"sentence": schedules_sentence(document)})
     return result
 
 
@@ -383,7 +383,7 @@ def compare_solvers(
     seed: int = 0,
     progress: Progress | None = None,
     kept: Kept | None = None,
-) -> dict[str, Any]:
+) -> SolverComparison:
     """Compare methods on jobs, as `dualarm compare solvers --json` [SI units].
 
     Args:
@@ -424,7 +424,7 @@ def compare_solvers(
         section, timed = job_comparison(name, job, outcomes, least, bound.assumptions)
         sections.append(section)
         clock.extend(timed)
-    document: dict[str, Any] = printable(
+    document: SolverComparison = printable(
         comparison_document(sections, clock, {"effort": effort, "seed": seed})
     )
     return document

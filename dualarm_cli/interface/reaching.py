@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, SupportsFloat
+from typing import SupportsFloat
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +24,7 @@ from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.reachability.facing_tools import handover_poses
 from dualarm_cli.reachability.reach_map import reach_map
 from dualarm_cli.reachability.region import best_height, platform_positions, region
+from dualarm_cli.report.comparisons import ReachReport
 from dualarm_cli.report.reach import handover_rows, reach_document
 from dualarm_cli.robot_import.contacts import bare_cell
 from dualarm_cli.robot_import.proposed_tool import with_tools
@@ -44,7 +45,7 @@ def reach(
     tilt: float = 0.0,
     step: float | None = None,
     handover: float | None = None,
-) -> dict[str, Any]:
+) -> ReachReport:
     """Compute the reachable part of a table, as `dualarm robot reach --json`.
 
     The document has the areas that each arm and both arms reach, by platform position.

@@ -15,6 +15,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.reachability.facing_tools import HandoverPose
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
+from dualarm_cli.report.comparisons import HandoverRow, ReachedFrame, ReachReport
 from dualarm_cli.report.printable import numbers
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ NOTE = (
 """Meaning of the figures."""
 
 
-def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
+def reach_document(name: str, cell: Cell, reach: ReachMap) -> ReachReport:
     """Build the document of a reach map, JSON-ready, in SI units.
 
     It has areas by platform position, and positions by frame.
@@ -39,10 +40,10 @@ def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
     """
     grid = reach.grid
     platform = CellModel.from_cell(cell).platform
-    places = grid.platform[:, 0].tolist() if platform.is_chosen else [None]
+    places: list[float | None] = grid.platform[:, 0].tolist() if platform.is_chosen else [None]
     reached = _by_whom(reach)
     cell_area = np.square(grid.step)
-    frames = {}
+    frames: dict[str, ReachedFrame] = {}
     for frame, pose in cell.frames.items():
         x, y, z = pose.translation.tolist()
         point = replace(grid, heights=np.array([z]), y=np.array([y]), x=np.array([x]))
@@ -167,9 +168,7 @@ def reach_lines(document: Mapping[str, Any]) -> list[str]:
     return [*lines, NOTE, *(_handover_lines(document) if "handovers" in document else ())]
 
 
-def handover_rows(
-    cell: Cell, poses: Sequence[HandoverPose], distance: float
-) -> list[dict[str, Any]]:
+def handover_rows(cell: Cell, poses: Sequence[HandoverPose], distance: float) -> list[HandoverRow]:
     """Build the rows of hand-over poses, JSON-ready, in SI units, best first.
 
     Either arm can give: the tools of both are in the row, and `grip` is the pose of each in the other's frame.

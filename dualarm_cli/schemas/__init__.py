@@ -7,16 +7,15 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from dualarm_cli.report.document import Report
 from dualarm_cli.schemas.kinds_of_files import INPUT_FILES, input_schema, result_schema
-from dualarm_cli.schemas.result_fields import ScheduleFile
+from dualarm_cli.schemas.result_fields import RESULTS
 
 _SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     **{kind: partial(input_schema, kind) for kind in INPUT_FILES},
-    "schedule": partial(
-        result_schema, "schedule", "What a plan writes to schedule.json.", ScheduleFile
-    ),
-    "report": partial(result_schema, "report", "What a plan writes to report.json.", Report),
+    **{
+        kind: partial(result_schema, kind, description, members)
+        for kind, (description, members) in RESULTS.items()
+    },
 }
 KINDS = tuple(_SCHEMAS)
 """Kinds of files that have a schema."""

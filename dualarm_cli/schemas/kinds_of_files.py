@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from types import UnionType
+from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints, is_typeddict
 
 from pydantic import BaseModel
@@ -21,7 +21,14 @@ from dualarm_cli.kinds import of_kinds
 
 _PLAIN = {str: "string", float: "number", int: "integer", bool: "boolean"}
 """Types of JSON by those of Python."""
-_VERSIONS = {"schedule": "dualarm.schedule/2", "report": "dualarm.report/1"}
+_VERSIONS = {
+    "schedule": "dualarm.schedule/2",
+    "report": "dualarm.report/1",
+    "schedule-comparison": "dualarm.schedule-comparison/1",
+    "comparison": "dualarm.comparison/1",
+    "reach": "dualarm.reach/1",
+    "sweep": "dualarm.sweep/1",
+}
 """Format version of each kind of file."""
 _REQUIRED = (
     r"format|robot|motion|robot\.(urdf|joints|groups|base|arms)|.*\.base\.(xyz|quat_xyzw)|motion\.<>\..*|"
@@ -34,7 +41,7 @@ def result_schema(kind: str, description: str, members: type) -> dict[str, Any]:
     """Build the JSON Schema of a result file.
 
     Args:
-        kind: schedule or report.
+        kind: schedule, report, schedule-comparison, comparison, reach or sweep.
         description: of the file.
         members: types of its members, a TypedDict.
     """
@@ -51,8 +58,8 @@ def _schema(kind: Any, path: str) -> dict[str, Any]:
         unit, text = inner[1:]
         return _schema(inner[0], path) | {"description": f"{text} [{unit}]" if unit else text}
     if outer is UnionType:
-        schema = _schema(inner[0], path)
-        return schema | {"type": [schema["type"], "null"]}
+        parts = [{"type": "null"} if part is NoneType else _schema(part, path) for part in inner]
+        return parts[0] | {"type": [part["type"] for part in parts]}
     if outer is Literal:
         return {"type": "string", "enum": list(inner)}
     if outer in (list, tuple):

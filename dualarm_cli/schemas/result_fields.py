@@ -9,9 +9,15 @@ A test compares both tables with files of real plans.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints, is_typeddict
 
+from dualarm_cli.report.comparisons import (
+    ReachReport,
+    ScheduleComparison,
+    SolverComparison,
+    StudyReport,
+)
 from dualarm_cli.report.document import (
     ArmName,
     ClearanceCost,
@@ -151,24 +157,33 @@ class ScheduleFile(TypedDict):
     verification: VerificationRow | None
 
 
-def _rows(kind: Any, path: str) -> Iterator[tuple[str, tuple[str, str]]]:
+def member_rows(kind: Any, path: str) -> Iterator[tuple[str, tuple[str, str]]]:
     """Yield the path, unit and meaning of each member below a type."""
     hints = get_type_hints(kind, include_extras=True) if is_typeddict(kind) else {}
     for name, inner in hints.items():
-        yield from _rows(inner, f"{path}.{name}" if path else name)
+        yield from member_rows(inner, f"{path}.{name}" if path else name)
     outer, inner = get_origin(kind), get_args(kind)
     if outer is Annotated:
         yield path, (inner[1], inner[2])
     elif outer is dict:
-        yield from _rows(inner[1], f"{path}.<{get_args(inner[0])[1]}>")
+        yield from member_rows(inner[1], f"{path}.<{get_args(inner[0])[1]}>")
     elif outer is list:
-        yield from _rows(inner[0], f"{path}[]")
+        yield from member_rows(inner[0], f"{path}[]")
     else:
         for part in inner:
-            yield from _rows(part, path)
+            yield from member_rows(part, path)
 
 
-SCHEDULE = dict(_rows(ScheduleFile, ""))
+SCHEDULE = dict(member_rows(ScheduleFile, ""))
 """Unit and meaning of the members of `schedule.json`."""
-REPORT = dict(_rows(Report, ""))
+REPORT = dict(member_rows(Report, ""))
 """Unit and meaning of the members of `report.json`."""
+RESULTS: Mapping[str, tuple[str, type]] = {
+    "schedule": ("What a plan writes to schedule.json.", ScheduleFile),
+    "report": ("What a plan writes to report.json.", Report),
+    "schedule-comparison": ("What `dualarm compare schedules --json` prints.", ScheduleComparison),
+    "comparison": ("What `dualarm compare solvers --json` prints.", SolverComparison),
+    "reach": ("What `dualarm robot reach --json` prints.", ReachReport),
+    "sweep": ("What `dualarm sweep --json` prints.", StudyReport),
+}
+"""Description and members of each kind of result."""

@@ -27,10 +27,20 @@ from numpy.typing import ArrayLike
 from dualarm_cli import __version__
 from dualarm_cli.files.source.diagnostics import MAX_SHOWN
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.evaluation import Evaluation, Status
 from dualarm_cli.model.study import Amount, Objective, Parameter, Study
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
+from dualarm_cli.report.comparisons import (
+    StudyFailure,
+    StudyFigures,
+    StudyJob,
+    StudyObjective,
+    StudyParameter,
+    StudyPoint,
+    StudyReport,
+    StudySensitivities,
+)
 from dualarm_cli.studies.requests import input_problems
 from dualarm_cli.studies.rows import TOGETHER, Ranking, StudyRow, rank
 
@@ -51,7 +61,7 @@ _TOGETHER = {sum: "sum", max: "largest", min: "least"}
 
 def study_document(
     study: Study, rows: Sequence[StudyRow], reference: StudyRow, method: Mapping[str, Any]
-) -> dict[str, Any]:
+) -> StudyReport:
     """Compose the JSON-ready document; SI units, except for parameters with their own units.
 
     Args:
@@ -86,7 +96,7 @@ def study_document(
     }
 
 
-def _objective(study: Study, objective: Objective) -> dict[str, Any]:
+def _objective(study: Study, objective: Objective) -> StudyObjective:
     return {
         "name": objective.name,
         "sense": objective.sense,
@@ -95,7 +105,7 @@ def _objective(study: Study, objective: Objective) -> dict[str, Any]:
     }
 
 
-def _parameter(parameter: Parameter) -> dict[str, Any]:
+def _parameter(parameter: Parameter) -> StudyParameter:
     span = parameter.span
     return {
         "name": parameter.name,
@@ -122,7 +132,7 @@ def _counts(rows: Sequence[StudyRow], ranking: Ranking) -> dict[str, int]:
     return counts
 
 
-def _row(study: Study, row: StudyRow, ranking: Ranking, place: int | None) -> dict[str, Any]:
+def _row(study: Study, row: StudyRow, ranking: Ranking, place: int | None) -> StudyPoint:
     names = [parameter.name for parameter in study.parameters]
     return {
         "rank": place,
@@ -135,12 +145,19 @@ def _row(study: Study, row: StudyRow, ranking: Ranking, place: int | None) -> di
     }
 
 
-def _figures(row: StudyRow) -> dict[str, Any]:
+def _figures(row: StudyRow) -> StudyFigures:
     """Collect a row's figures, and those of each task file."""
-    return {**row.figures, "jobs": [_job(evaluation) for evaluation in row.evaluations]}
+    figures = row.figures
+    return {
+        "cycle_time": figures["cycle_time"],
+        "gap": figures["gap"],
+        "clearance": figures["clearance"],
+        "travel": figures["travel"],
+        "jobs": [_job(evaluation) for evaluation in row.evaluations],
+    }
 
 
-def _job(evaluation: Evaluation) -> dict[str, Any]:
+def _job(evaluation: Evaluation) -> StudyJob:
     limiting = sorted(evaluation.limiting.items(), key=lambda item: (-item[1], item[0]))
     return {
         "tasks": evaluation.case,
@@ -169,14 +186,14 @@ def _reasons(study: Study, row: StudyRow) -> list[str]:
     ]
 
 
-def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> list[dict[str, Any]]:
+def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> list[StudyFailure]:
     """Group failed rows by status and first line; numbers in the line may differ."""
-    groups: dict[tuple[str, str], list[StudyRow]] = {}
+    groups: dict[tuple[Status, str], list[StudyRow]] = {}
     for row in failed:
         first = reasons[row.number][0] if reasons[row.number] else ""
         kind = _NUMBER.sub("#", first.partition("\n")[0])
         groups.setdefault((row.status, kind), []).append(row)
-    failures = [
+    failures: list[StudyFailure] = [
         {
             "status": status,
             "count": len(rows),
@@ -190,7 +207,7 @@ def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> l
 
 def _sensitivity(
     study: Study, objective: Objective, rows: Sequence[StudyRow], searched: bool
-) -> dict[str, Any]:
+) -> StudySensitivities:
     """Analyse the sensitivity of an objective, over all rows that have its value."""
     valued = [(row, value) for row in rows if (value := row.figures[objective.name]) is not None]
     valued.sort(key=lambda pair: pair[0].number)
@@ -198,7 +215,7 @@ def _sensitivity(
     stepped = all(parameter.span is None for parameter in study.parameters)
     values = np.array([value for _, value in valued], dtype=np.float64)
     result: StudySensitivity = sensitivity(factors, values, stepped, objective.step)
-    notes = list(result.notes)
+    notes: list[str] = [*result.notes]
     if searched and not result.is_grid:
         notes.append(_note("searched"))
     return {

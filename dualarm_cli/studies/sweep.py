@@ -18,6 +18,7 @@ from dualarm_cli.evaluation.store import Store
 from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.model.settings import check_count, check_seed
 from dualarm_cli.model.study import Point, Study
+from dualarm_cli.report.comparisons import StudyReport
 from dualarm_cli.studies import search
 from dualarm_cli.studies.document import study_document
 from dualarm_cli.studies.requests import check_settings
@@ -32,7 +33,7 @@ def sweep(
     processes: int | None = None,
     cache: str | Path | None = None,
     progress: Callable[[str], None] | None = None,
-) -> dict[str, Any]:
+) -> StudyReport:
     """Plan a cell's tasks over ranges of its parameters, as `dualarm sweep --json`.
 
     Args:

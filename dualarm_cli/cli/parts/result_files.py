@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,7 @@ def write_folder(out: str, files: dict[str, bytes]) -> None:
     replace_all(Path(out), {name: [content] for name, content in files.items()})
 
 
-def json_bytes(document: dict[str, Any]) -> bytes:
+def json_bytes(document: Mapping[str, Any]) -> bytes:
     """Encode a document as the content of a file."""
     text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     return text.encode("utf-8", "backslashreplace")

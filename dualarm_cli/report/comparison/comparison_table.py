@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping
 from io import StringIO
 from typing import Any
 
@@ -77,7 +78,7 @@ def reason_lines(section: dict[str, Any]) -> list[str]:
     return [f"{', '.join(names)}: {status}: {why}" for (status, why), names in grouped.items()]
 
 
-def comparison_csv(document: dict[str, Any]) -> bytes:
+def comparison_csv(document: Mapping[str, Any]) -> bytes:
     """Write all rows as CSV [s, rad], wall-clock planning time last.
 
     No other column has wall-clock times.

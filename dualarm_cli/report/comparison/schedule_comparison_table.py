@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from rich.markup import escape
@@ -22,7 +23,7 @@ CAUSES = {
 }
 
 
-def schedules_table(document: dict[str, Any]) -> Table:
+def schedules_table(document: Mapping[str, Any]) -> Table:
     """Build the table of stages: durations before and after, and causes.
 
     Args:
@@ -50,7 +51,7 @@ def schedules_table(document: dict[str, Any]) -> Table:
     return table
 
 
-def schedules_sentence(document: dict[str, Any]) -> str:
+def schedules_sentence(document: Mapping[str, Any]) -> str:
     """Compose one sentence: the faster schedule, its lead, the number of stages, the causes.
 
     Args:
@@ -83,7 +84,7 @@ def schedules_sentence(document: dict[str, Any]) -> str:
     return f"{text}; most of it: {', '.join(named)}" if named else text
 
 
-def _along(document: dict[str, Any]) -> list[dict[str, Any]]:
+def _along(document: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Select the causes that act in the direction of the total difference, or all."""
     whole = document["difference"]
     if abs(whole) <= SAME:
@@ -91,7 +92,7 @@ def _along(document: dict[str, Any]) -> list[dict[str, Any]]:
     return [entry for entry in document["blamed"] if entry["difference"] * whole > 0.0]
 
 
-def schedules_csv(document: dict[str, Any]) -> bytes:
+def schedules_csv(document: Mapping[str, Any]) -> bytes:
     """Write the stages as CSV; s, rad (m for joints that slide).
 
     Args:

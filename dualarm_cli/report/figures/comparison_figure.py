@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Any
 
@@ -47,7 +48,7 @@ COLOURS = {
 """Colours by deciding group; the arms as in every other figure."""
 
 
-def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
+def draw_comparison(document: Mapping[str, Any], kind: str) -> bytes:
     """Draw a panel per task file with a bar per plan.
 
     The format is PNG, SVG or PDF.
