@@ -41,7 +41,7 @@ class StageCause(TypedDict):
     slides: Annotated[bool, "", "Whether the joint slides."]
 
 
-class ComparedStage(TypedDict):
+class StageComparison(TypedDict):
     """Stage of A, of B or of both."""
 
     a: Annotated[int | None, "", "Number of the stage in A, from 1; none if it is only in B."]
@@ -73,7 +73,7 @@ class ScheduleComparison(TypedDict):
     difference: Annotated[float, "s", "Duration of B less that of A."]
     relative: Annotated[float | None, "", "Difference as a share of A's duration."]
     identical: Annotated[bool, "", "Whether both motions are the same."]
-    stages: list[ComparedStage]
+    stages: list[StageComparison]
     blamed: list[CauseSum]
     notes: Annotated[list[str], "", "Differences of robots, limits, settings and order."]
     sentence: Annotated[str, "", "The result in a sentence."]
@@ -166,7 +166,7 @@ class ReachedFrame(TypedDict):
     reached: dict[ArmName, Annotated[list[bool], "", "Whether each arm, and `both`, reaches it, by platform position."]]
 
 
-class ToolPose(TypedDict):
+class TcpPose(TypedDict):
     """Pose of a tool centre point."""
 
     xyz: Annotated[list[float], "m", "Position of the tool centre point: in the world, as `grip` in the frame of the other tool."]
@@ -177,8 +177,8 @@ class HandoverRow(TypedDict):
     """Pose of a hand-over that either arm can give."""
 
     score: Annotated[float, "", "Least of both arms' relative manipulability and distance from joint limits, from 0 to 1; less far from home."]
-    grip: ToolPose
-    tools: dict[ArmName, ToolPose]
+    grip: TcpPose
+    tools: dict[ArmName, TcpPose]
     joints: dict[ArmName, dict[JointName, Annotated[float, "rad", "Posture of each arm."]]]
 
 

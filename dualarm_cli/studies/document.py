@@ -19,7 +19,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,16 +31,7 @@ from dualarm_cli.model.evaluation import Evaluation, Status
 from dualarm_cli.model.study import Amount, Objective, Parameter, Study
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
-from dualarm_cli.report.comparisons import (
-    StudyFailure,
-    StudyFigures,
-    StudyJob,
-    StudyObjective,
-    StudyParameter,
-    StudyPoint,
-    StudyReport,
-    StudySensitivities,
-)
+from dualarm_cli.report import comparisons as members
 from dualarm_cli.studies.requests import input_problems
 from dualarm_cli.studies.rows import TOGETHER, Ranking, StudyRow, rank
 
@@ -61,7 +52,7 @@ _TOGETHER = {sum: "sum", max: "largest", min: "least"}
 
 def study_document(
     study: Study, rows: Sequence[StudyRow], reference: StudyRow, method: Mapping[str, Any]
-) -> StudyReport:
+) -> members.StudyReport:
     """Compose the JSON-ready document; SI units, except for parameters with their own units.
 
     Args:
@@ -96,7 +87,7 @@ def study_document(
     }
 
 
-def _objective(study: Study, objective: Objective) -> StudyObjective:
+def _objective(study: Study, objective: Objective) -> members.StudyObjective:
     return {
         "name": objective.name,
         "sense": objective.sense,
@@ -105,7 +96,7 @@ def _objective(study: Study, objective: Objective) -> StudyObjective:
     }
 
 
-def _parameter(parameter: Parameter) -> StudyParameter:
+def _parameter(parameter: Parameter) -> members.StudyParameter:
     span = parameter.span
     return {
         "name": parameter.name,
@@ -132,7 +123,7 @@ def _counts(rows: Sequence[StudyRow], ranking: Ranking) -> dict[str, int]:
     return counts
 
 
-def _row(study: Study, row: StudyRow, ranking: Ranking, place: int | None) -> StudyPoint:
+def _row(study: Study, row: StudyRow, ranking: Ranking, place: int | None) -> members.StudyPoint:
     names = [parameter.name for parameter in study.parameters]
     return {
         "rank": place,
@@ -145,19 +136,13 @@ def _row(study: Study, row: StudyRow, ranking: Ranking, place: int | None) -> St
     }
 
 
-def _figures(row: StudyRow) -> StudyFigures:
+def _figures(row: StudyRow) -> members.StudyFigures:
     """Collect a row's figures, and those of each task file."""
-    figures = row.figures
-    return {
-        "cycle_time": figures["cycle_time"],
-        "gap": figures["gap"],
-        "clearance": figures["clearance"],
-        "travel": figures["travel"],
-        "jobs": [_job(evaluation) for evaluation in row.evaluations],
-    }
+    jobs = [_job(evaluation) for evaluation in row.evaluations]
+    return cast("members.StudyFigures", {**row.figures, "jobs": jobs})
 
 
-def _job(evaluation: Evaluation) -> StudyJob:
+def _job(evaluation: Evaluation) -> members.StudyJob:
     limiting = sorted(evaluation.limiting.items(), key=lambda item: (-item[1], item[0]))
     return {
         "tasks": evaluation.case,
@@ -186,14 +171,16 @@ def _reasons(study: Study, row: StudyRow) -> list[str]:
     ]
 
 
-def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> list[StudyFailure]:
+def _failures(
+    failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]
+) -> list[members.StudyFailure]:
     """Group failed rows by status and first line; numbers in the line may differ."""
     groups: dict[tuple[Status, str], list[StudyRow]] = {}
     for row in failed:
         first = reasons[row.number][0] if reasons[row.number] else ""
         kind = _NUMBER.sub("#", first.partition("\n")[0])
         groups.setdefault((row.status, kind), []).append(row)
-    failures: list[StudyFailure] = [
+    failures: list[members.StudyFailure] = [
         {
             "status": status,
             "count": len(rows),
@@ -207,7 +194,7 @@ def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> l
 
 def _sensitivity(
     study: Study, objective: Objective, rows: Sequence[StudyRow], searched: bool
-) -> StudySensitivities:
+) -> members.StudySensitivities:
     """Analyse the sensitivity of an objective, over all rows that have its value."""
     valued = [(row, value) for row in rows if (value := row.figures[objective.name]) is not None]
     valued.sort(key=lambda pair: pair[0].number)
@@ -215,9 +202,7 @@ def _sensitivity(
     stepped = all(parameter.span is None for parameter in study.parameters)
     values = np.array([value for _, value in valued], dtype=np.float64)
     result: StudySensitivity = sensitivity(factors, values, stepped, objective.step)
-    notes: list[str] = [*result.notes]
-    if searched and not result.is_grid:
-        notes.append(_note("searched"))
+    notes = [*result.notes, *([_note("searched")] if searched and not result.is_grid else [])]
     return {
         "objective": objective.name,
         "plans": result.plans,
@@ -236,7 +221,7 @@ def _sensitivity(
             {"between": [name_a, name_b], "share": share} for name_a, name_b, share in result.pairs
         ],
         "linear_share": result.linear_share,
-        "notes": notes,
+        "notes": [*notes],
     }
 
 
