@@ -271,7 +271,7 @@ class StudyPoint(StudyReference):
     rank: Annotated[int | None, "", "Rank, from 1; none without a plan."]
     point: Annotated[int, "", "Number of the point, in order of creation."]
     values: dict[Name, Annotated[Level, "", "Value of each parameter, in the unit of the parameter."]]
-    pareto: Annotated[bool, "", "Whether no other point is better in all objectives."]
+    pareto: Annotated[bool, "", "Member of the Pareto set."]
     reasons: Annotated[list[str], "", "Why there is no plan."]
 
 
