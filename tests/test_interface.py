@@ -284,12 +284,13 @@ def test_objects_have_a_short_text_and_notebooks_show_figures_with_a_picture(
         == f"<Plan of Yaskawa Motoman SDA10F: {found.cycle_time:.3f} s, 3 stages, verified>"
     )
     assert all(task.id in found.job._repr_html_() for task in found.job.tasks)
+    assert "data:image/svg+xml" in found.job._repr_html_()
     for shown in (found, schedule):
         html = shown._repr_html_()
         assert f"{found.cycle_time:.3f} s" in html and "no shapes of left_tool" in html
         assert "data:image/svg+xml" in html
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert "<img" not in found._repr_html_()
+    assert "<img" not in found._repr_html_() + found.job._repr_html_()
     with pytest.raises(dualarm_cli.MissingDependencyError, match=r"dualarm\[plot\]"):
         schedule.plot()
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from html import escape
-from io import BytesIO
 from typing import Any
 
+from dualarm_cli.kinds.drawing import new_figure, rendered
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.verification import exceptions
@@ -18,12 +18,10 @@ MOST_TASKS = 30
 
 
 def html_of(shown: Any) -> str:
-    """Write a job's tasks, or a plan's or schedule's figures, as HTML.
-
-    A plan or schedule also has a picture.
+    """Write a job's tasks, or a plan's or schedule's figures, as HTML with a picture.
 
     Args:
-        shown: a plan has throughput and Gantt chart, a schedule curves of the joints' velocities.
+        shown: a job has its cell, a plan throughput and Gantt chart, a schedule curves of the joints' velocities.
     """
     if isinstance(shown, Job):
         return _job_html(shown)
@@ -43,7 +41,8 @@ def _schedule_html(schedule: Schedule, job: Job | None) -> str:
         rows["proven"] = f"no plan of these stages is faster than {bound:.3f} s"
     rows["stages"] = str(len(schedule.stages))
     rows["verification"] = "none" if judged is None else judged.verdict + exceptions(judged.caveats)
-    return f"<b>{escape(plan_title(schedule))}</b>{_table(rows.items())}{_picture(schedule, job)}"
+    picture = _picture(lambda: _curves(schedule) if job is None else _gantt(schedule, job))
+    return f"<b>{escape(plan_title(schedule))}</b>{_table(rows.items())}{picture}"
 
 
 def _job_html(job: Job) -> str:
@@ -53,7 +52,10 @@ def _job_html(job: Job) -> str:
         tasks.setdefault(task.id, []).append(f"{task.arm}: {actions}")
     rows = [(name, "; ".join(work)) for name, work in tasks.items()]
     more = [("…", f"{len(rows) - MOST_TASKS} more")] if len(rows) > MOST_TASKS else []
-    return f"{escape(repr(job))}{_table([*rows[:MOST_TASKS], *more])}"
+    from dualarm_cli.report.figures.cell_figure import draw_cell
+
+    picture = _picture(lambda: draw_cell(job, "svg"))
+    return f"{escape(repr(job))}{_table([*rows[:MOST_TASKS], *more])}{picture}"
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:
@@ -61,23 +63,25 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
     return f"<table>{''.join(cells)}</table>"
 
 
-def _picture(schedule: Schedule, job: Job | None) -> str:
-    """Draw the picture as an HTML image, or nothing without matplotlib."""
+def _gantt(schedule: Schedule, job: Job) -> bytes:
+    from dualarm_cli.report.figures.gantt_figure import draw_gantt
+
+    return draw_gantt(schedule, job, "svg")
+
+
+def _curves(schedule: Schedule) -> bytes:
+    figure = new_figure(10.0, 4.0)
+    schedule.plot(axes=figure.subplots())
+    return rendered(figure, "svg")
+
+
+def _picture(draw: Callable[[], bytes]) -> str:
+    """Draw a picture as an HTML image, or nothing without matplotlib."""
     try:
         import matplotlib as mpl
-        from matplotlib.figure import Figure
     except ImportError:
         return ""
     # Settings of the notebook's own figures stay as they are.
     with mpl.rc_context():
-        if job is not None:
-            from dualarm_cli.report.figures.gantt_figure import draw_gantt
-
-            svg = draw_gantt(schedule, job, "svg")
-        else:
-            figure, buffer = Figure(figsize=(10.0, 4.0), layout="constrained"), BytesIO()
-            schedule.plot(axes=figure.subplots())
-            figure.savefig(buffer, format="svg")
-            svg = buffer.getvalue()
-    data = b64encode(svg).decode()
+        data = b64encode(draw()).decode()
     return f'<img style="max-width:100%" src="data:image/svg+xml;base64,{data}">'
