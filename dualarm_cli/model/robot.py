@@ -160,6 +160,8 @@ class Arm:
     """Type of inverse kinematics; `dualarm check` compares it with the URDF."""
     place: Place = field(default=NOWHERE, compare=False)
     """Place of the kind in its file."""
+    hand: str = ""
+    """Link of a hand that its links' shapes and names need not show, or empty."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +233,7 @@ class Robot:
             links = list(below.get(ends[arm.joints[-1]], ()))
             for link in links:
                 links += below.get(link, ())
-            hands[arm.name] = tuple(links)
+            hands[arm.name] = tuple(links) or ((arm.hand,) if arm.hand else ())
         return hands
 
     @cached_property

@@ -56,7 +56,7 @@ from dualarm_cli.robot_import.joint_limits import (
     with_limits,
 )
 from dualarm_cli.robot_import.proposed_tool import proposed_tools
-from dualarm_cli.robot_import.srdf import Srdf, named_tips, read_srdf
+from dualarm_cli.robot_import.srdf import Srdf, named_tips, read_srdf, with_hands
 from dualarm_cli.robot_import.structure import Structure, count_of, find_structure
 
 _note = NoteTable(
@@ -134,6 +134,7 @@ def _imported(request: ImportRequest, folder: Path) -> Imported:
     if request.joint_limits is not None:
         limits = read_joint_limits(request.joint_limits, urdf)
     structure = find_structure(urdf, named_tips(srdf, request.tips), request.platform)
+    structure = with_hands(structure, srdf, urdf)
     urdf, assumed = with_limits(urdf, structure.joints, limits.joints)
     moving_joints(urdf, structure.joints)  # reports errors at lines of the user's file
     file = request.urdf.absolute()
@@ -358,8 +359,6 @@ def _safe(name: str) -> str:
 
 ACCELERATION_RULE = "top speed in 0.3 s"
 """Acceleration limits of joints without a stated limit."""
-
-
 _WORDS = ("true", "false", "yes", "no", "on", "off", "null", "y", "n")
 """Words that YAML reads as something else than text."""
 
@@ -410,7 +409,8 @@ def robot_text(robot: RobotText) -> str:
         lines.append(f"platform: {_list(structure.platform)}  # carries both arms")
     lines.append("arms:")
     for side, arm in structure.arms.items():
-        lines.append(f"  {side}: {{joints: {_list(arm.joints)}, flange: {_text(arm.tip)}}}")
+        hand = f", hand: {_text(arm.hand)}" if arm.hand else ""
+        lines.append(f"  {side}: {{joints: {_list(arm.joints)}, flange: {_text(arm.tip)}{hand}}}")
     lines += [*_limits(robot), *_frozen(structure)]
     if robot.postures:
         lines.append("postures:  # joints that are not named are 0")

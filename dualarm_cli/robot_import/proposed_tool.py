@@ -40,6 +40,7 @@ _note = NoteTable(
     hand="{arm} tool: along {axis} of {flange} ({why}), {mm:.4g} mm long: to the end of the robot's hand",
     frame="{arm} tool: along {axis} of {flange} ({why}), {mm:.4g} mm long: to {frame} of the robot's hand",
     named="{arm} tool: along {axis} of {flange} ({why}), 0 mm long: {flange} is a tool centre point by its name",
+    shapeless="{arm} tool: along {axis} of {flange} ({why}), 0 mm long: the hand {hand} has no shapes beyond it",
     within="{arm} tool: along {axis} of {flange} ({why}), 0 mm long: {flange} is within the robot's hand",
     shapes="where {links:listed} are",
     links="where {link} is, away from the wrist",
@@ -190,6 +191,8 @@ class _Beyond:
     """Origins of the hand's links [m]."""
     shaped: tuple[str, ...]
     """Links of the hand with shapes."""
+    named: str
+    """Link of the hand that the robot file names, or empty."""
     hand: FloatArray
     """Lower and upper corner of the hand's shapes [m], shape (k, 2, 3).
 
@@ -226,14 +229,17 @@ class _Beyond:
             arm.flange,
             {link: poses[link].translation for link in hand},
             tuple(link for link in hand if corners[link]),
+            arm.hand,
             _box([rows for link in hand for rows in corners[link]]),
             _box([rows for link in poses if link not in hand for rows in corners[link]]),
         )
 
     @property
     def is_named(self) -> bool:
-        """Flag of links whose names are those of a hand."""
-        return any(word_among(link, _HAND_WORDS) for link in (*self.frames, self.flange))
+        """Flag of a hand by the robot file, or by the names of links."""
+        return bool(self.named) or any(
+            word_among(link, _HAND_WORDS) for link in (*self.frames, self.flange)
+        )
 
 
 def _extent(solid: Solid) -> FloatArray:
@@ -310,8 +316,9 @@ def _tool(cell: Cell, arm: Arm, kinematics: GeneralArm) -> ProposedTool:
 
     if "tcp" in words(arm.flange):
         return tool(np.zeros(3), _note("named", **data))
-    for link, origin in beyond.frames.items():
-        if "tcp" in words(link) and product(origin, along) > TOOL.beyond:
+    for link, origin in sorted(beyond.frames.items(), key=lambda item: item[0] != arm.hand):
+        is_point = "tcp" in words(link) or (link == arm.hand and link not in beyond.shaped)
+        if is_point and product(origin, along) > TOOL.beyond:
             return tool(origin, _note("frame", frame=link, mm=1e3 * float(norm(origin)), **data))
     end = 0.0
     for box in beyond.hand:
@@ -325,6 +332,8 @@ def _tool(cell: Cell, arm: Arm, kinematics: GeneralArm) -> ProposedTool:
         end = end or (ahead if ahead > TOOL.hand else 0.0)
     if end:
         return tool(end * along, _note("hand", mm=1e3 * end, **data))
+    if arm.hand:
+        return tool(np.zeros(3), _note("shapeless", hand=arm.hand, **data))
     return _gripper(cell, arm, kinematics.reach, data)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 
 from dualarm_cli.errors import UsageError
@@ -17,7 +17,9 @@ from dualarm_cli.robot_import.structure import (
     GRIPPER,
     NO_ARM,
     SIDES,
+    ArmChain,
     NamedTip,
+    Structure,
     side_of,
     word_among,
     words,
@@ -39,6 +41,8 @@ class Srdf:
     """Contradictions within named postures, by posture."""
     contacts: Mapping[frozenset[str], str] = field(default_factory=dict)
     """Pairs of links excluded from collision checking, with the SRDF's reason."""
+    end_effectors: tuple[tuple[str, ...], ...] = ()
+    """Links of each end effector: the one that carries it, then those of its group."""
     notes: tuple[Note, ...] = ()
     """Notes on the reading."""
 
@@ -61,8 +65,9 @@ def read_srdf(source: TextSource, urdf: Urdf) -> Srdf:
     tips = _tips(root, urdf, findings)
     states, conflicts = _states(root, urdf, findings)
     contacts = _contacts(root, urdf, findings)
+    effectors = _end_effectors(root, urdf, findings)
     findings.raise_if_any()
-    return Srdf(tips, states, conflicts, contacts, program_notes(source))
+    return Srdf(tips, states, conflicts, contacts, effectors, program_notes(source))
 
 
 def named_tips(srdf: Srdf, requested: Mapping[str, str]) -> dict[str, NamedTip]:
@@ -88,6 +93,31 @@ def named_tips(srdf: Srdf, requested: Mapping[str, str]) -> dict[str, NamedTip]:
     return tips
 
 
+def with_hands(structure: Structure, srdf: Srdf, urdf: Urdf) -> Structure:
+    """Name the hand of each arm with an end effector.
+
+    It is the outermost link that is fixed to the arm. An end effector with links that the arm's last joint does not
+    move is the arm itself, and no hand.
+
+    Args:
+        structure: arms of the robot.
+        srdf: content of the SRDF.
+        urdf: of the robot.
+    """
+    arms: dict[str, ArmChain] = {}
+    for side, arm in structure.arms.items():
+        hand, last = "", arm.joints[-1]
+        for links in srdf.end_effectors:
+            chains = {link: urdf.chain(link) for link in links}
+            fixed = [
+                k for k, chain in chains.items() if chain[-1:] == [last] and k not in urdf.joints
+            ]
+            if all(last in chain for chain in chains.values()):
+                hand = max(fixed, key=lambda link: len(urdf.path(link)), default=hand)
+        arms[side] = replace(arm, hand=hand)
+    return replace(structure, arms=arms)
+
+
 def _tips(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, tuple[NamedTip, ...]]:
     """Find the tips of the groups whose names mean an arm of one side.
 
@@ -108,6 +138,29 @@ def _tips(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, tuple[
         arms = [tip for name, tip in groups.items() if "arm" in words(name)]
         tips_by_side[side] = tuple(arms or groups.values())
     return tips_by_side
+
+
+def _end_effectors(
+    root: Element, urdf: Urdf, findings: UrdfFindings
+) -> tuple[tuple[str, ...], ...]:
+    """Collect the links of each end effector."""
+    groups = {group.name: group for group in root.all("group")}
+    effectors = []
+    for element in root.all("end_effector"):
+        named = [(element, element.get("parent_link"))]
+        group = groups.get(element.get("group"))
+        for part in group.children if group else ():
+            if part.tag == "link":
+                named.append((part, part.name))
+            elif part.tag == "joint" and part.name in urdf.joints:
+                named.append((part, urdf.joints[part.name].child_name("child", "link")))
+            elif part.tag == "chain":
+                named += [(part, part.get(key)) for key in ("base_link", "tip_link")]
+        for place, link in named:
+            if link not in urdf.links:
+                findings.add(place, f"the URDF has no link {quote(link)}")
+        effectors.append(tuple(dict.fromkeys(link for _, link in named)))
+    return tuple(effectors)
 
 
 def _contacts(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[frozenset[str], str]:

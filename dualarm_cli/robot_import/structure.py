@@ -77,6 +77,8 @@ class ArmChain:
     """Link to which the tool is bolted."""
     by: str = ""
     """Option or SRDF group that names the tip; empty if derived from the tree."""
+    hand: str = ""
+    """Link of the hand that an SRDF names, or empty."""
 
     @property
     def side(self) -> str:

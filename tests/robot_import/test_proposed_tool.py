@@ -6,6 +6,7 @@ last joint turns about z. All boxes are in the flange's frame.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.errors import InputError
 from dualarm_cli.files.robots.mesh_formats import stl_bytes
+from dualarm_cli.files.robots.robot_pair import compose_pair
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.model.shape import Hull
 from dualarm_cli.robot_import.contacts import bare_cell
@@ -137,6 +140,73 @@ def test_a_flange_before_the_tool_centre_point_reaches_to_it(
     tool = tool_of(import_with(write_rows(row("", 0.0), more=more), tips={"left": "l6"}), tmp_path)
     assert (tool.tip, tool.axis, tool.tool.shapes) == ((0.0, 0.0, 0.12), "+z", ())
     assert "120 mm long: to hand_tcp of the robot's hand" in tool.note
+
+
+@pytest.mark.parametrize(
+    ("parent", "group", "hand", "end"),
+    [
+        ("l6", '<link name="palm"/><link name="grasp"/>', "grasp", 0.15),
+        ("grasp", "", "grasp", 0.15),
+        ("l6", '<joint name="palm_joint"/>', "palm", 0.11),
+        ("l6", "", "l6", 0.0),
+        ("l6", '<chain base_link="base" tip_link="l6"/>', "", None),
+    ],
+)
+def test_an_end_effector_of_the_srdf_is_the_hand(
+    parent: str,
+    group: str,
+    hand: str,
+    end: float | None,
+    row: Row,
+    write_rows: Write,
+    import_with: Import,
+    tmp_path: Path,
+) -> None:
+    """A palm 110 mm and a grasp 150 mm beyond the flange, without shapes; a group that is the arm is no hand."""
+    more = link("palm", "l6", 0.11) + link("grasp", "palm", 0.04)
+    srdf = (
+        f'<end_effector name="e" parent_link="{parent}" group="g"/><group name="g">{group}</group>'
+    )
+    urdf = write_rows(row("", 0.0, shape=""), more=more)
+    found = import_with(urdf, srdf, tips={"left": "l6"})
+    tool = tool_of(found, tmp_path)
+    assert found.loaded.robot.arms[0].hand == hand
+    if end is None:
+        assert (tool.length, len(tool.tool.shapes)) == (pytest.approx(tool.tip[2]), 1)
+    else:
+        assert (tool.tip, tool.axis, tool.tool.shapes) == ((0.0, 0.0, end), "+z", ())
+        assert f" {1e3 * end:.0f} mm long: " in tool.note
+
+
+def test_the_last_link_as_hand_may_touch_what_it_holds(
+    row: Row, write_rows: Write, import_with: Import
+) -> None:
+    """Without links beyond it, the link that the robot file names is the hand; nothing is without its name."""
+    urdf = write_rows(row("", 0.0))
+    srdf = '<end_effector name="e" parent_link="l6" group="none"/>'
+    for text, links in ((srdf, ("l6",)), ("", ())):
+        assert import_with(urdf, text).loaded.robot.hands["left"] == links
+
+
+def test_a_hand_of_the_robot_file_is_checked(
+    row: Row, write_rows: Write, import_with: Import, tmp_path: Path
+) -> None:
+    found = import_with(write_rows(row("", 0.0), more=link("palm", "l6")))
+    for name, content in found.files.items():
+        (tmp_path / name).write_bytes(content)
+    path = tmp_path / "robot.yaml"
+    text = path.read_text()
+    for hand, message in (
+        ("plam", "no link 'plam', did you mean 'palm'?"),
+        ("l5", "link 'l5' does not move with flange 'palm'; name a link fixed to it"),
+    ):
+        path.write_text(text.replace("flange: palm", f"flange: palm, hand: {hand}"))
+        with pytest.raises(InputError, match=re.escape(message)):
+            load_robot(path)
+    path.write_text(text.replace("flange: palm", "flange: palm, hand: l6"))
+    single = load_robot(path).robot
+    pair = compose_pair(single, pin.SE3.Identity(), single, pin.SE3.Identity())
+    assert [arm.hand for arm in pair.arms] == ["left_l6", "right_l6"]
 
 
 @pytest.mark.parametrize("shape", ["", "below"])

@@ -112,6 +112,7 @@ def test_joints_of_several_positions_are_passed_over(
         ('\n<disable_collisions link1="l1" reason="User"/>', r"robot.srdf:2:1: .*has no link2; it needs two links"),
         ("\n\n<disable_collisions/>", r"robot.srdf:3:1: .*has no link1"),
         ('\n<disable_collisions link1="l1" link2="l9"/>', r"robot.srdf:2:1: .*no link 'l9'"),
+        ('\n<end_effector name="e" parent_link="l9"/>', r"robot.srdf:2:1: .*no link 'l9'"),
         ('\n<group_state><joint name="joint1" value="0"/></group_state>', r"robot.srdf:2:1: .*<group_state> has no name"),
         ('\n<group_state name="a">\n<joint name="joint1"/></group_state>', r"robot.srdf:3:1: .*value must be a number, not nothing"),
     ],

@@ -77,13 +77,15 @@ def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Find
             findings.add(document, loc, message)
         first.setdefault(name, document.place(loc)[0])
     for side, arm in arms.items():
-        loc = ("arms", side, "flange")
-        if arm.flange not in urdf.links:
-            hint = did_you_mean(arm.flange, list(urdf.links))
-            findings.add(document, loc, f"{source} no link {quote(arm.flange)}{hint}")
-        elif arm.flange in urdf.joints:
-            message = f"{source} a link and a joint named {quote(arm.flange)}; rename one"
-            findings.add(document, loc, message)
+        ends = {"flange": arm.flange, **({"hand": arm.hand} if arm.hand else {})}
+        for key, link in ends.items():
+            loc = ("arms", side, key)
+            if link not in urdf.links:
+                hint = did_you_mean(link, list(urdf.links))
+                findings.add(document, loc, f"{source} no link {quote(link)}{hint}")
+            elif link in urdf.joints:
+                message = f"{source} a link and a joint named {quote(link)}; rename one"
+                findings.add(document, loc, message)
     return len(findings.diagnostics) == before
 
 
@@ -107,6 +109,10 @@ def check_chains(
             if name in slides:
                 message = f"{quote(name)} slides; of an arm's joints only the first one may"
                 findings.add(document, (*loc, k), message)
+        if arm.hand and urdf.chain(arm.hand)[-1:] != urdf.chain(arm.flange)[-1:]:
+            ends = f"{quote(arm.hand)} does not move with flange {quote(arm.flange)}"
+            message = f"link {ends}; name a link fixed to it"
+            findings.add(document, ("arms", side, "hand"), message)
         count = {"srs": 7, "spherical_wrist": 6, "parallel_axes": 6}.get(arm.kind or "")
         if count is not None and len(arm.joints) != count:
             message = f"kind {arm.kind} needs {count} joints, found {len(arm.joints)}"
@@ -207,7 +213,7 @@ def model_arms(document: Document, model: RobotFile, measured: pin.Model) -> tup
         kind = arm.kind or measured_kind(*joint_axes(measured, arm.joints))
         key = "joints" if arm.kind is None else "kind"
         place = Place(document.source.name, *document.place(("arms", name, key)))
-        arms.append(Arm(name, tuple(arm.joints), arm.flange, kind, place))
+        arms.append(Arm(name, tuple(arm.joints), arm.flange, kind, place, arm.hand or ""))
     return tuple(arms)
 
 

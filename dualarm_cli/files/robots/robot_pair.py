@@ -60,6 +60,7 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
             links[side][r.arms[0].flange],
             r.arms[0].kind,
             r.arms[0].place,
+            links[side].get(r.arms[0].hand, ""),
         )
         for side, r in robots.items()
     )

@@ -152,6 +152,11 @@ class ArmSection(Section):
         description="Link to which the tool is bolted; with dh its name, by default `flange` "
         "of a single arm, `left_flange` and `right_flange` of two."
     )
+    hand: Name | None = Field(
+        default=None,
+        description="Link of the arm's own hand, such as its tool frame: `init` and `reach` then assume no gripper. "
+        "Needed where the hand has no shapes; `import` takes it from the end effectors of the SRDF.",
+    )
     kind: ArmKind | None = Field(
         default=None,
         description="Kind of inverse kinematics; default: measured on the URDF.",

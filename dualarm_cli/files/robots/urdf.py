@@ -156,13 +156,15 @@ class Urdf:
 
     def chain(self, link: str) -> list[str]:
         """List the moving joints from the root to a link."""
+        return [joint.name for joint in self.path(link) if joint.get("type") != "fixed"]
+
+    def path(self, link: str) -> list[Element]:
+        """List all joints from the root to a link."""
         parent_of = {joint.child_name("child", "link"): joint for joint in self.joints.values()}
         joints = []
         while link != self.root_link:
-            joint = parent_of[link]
-            if joint.get("type") != "fixed":
-                joints.append(joint.name)
-            link = joint.child_name("parent", "link")
+            joints.append(parent_of[link])
+            link = joints[-1].child_name("parent", "link")
         return joints[::-1]
 
 
