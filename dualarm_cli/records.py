@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Sized
 from functools import cache
 from importlib import import_module
+from itertools import accumulate
 from operator import attrgetter
 from reprlib import recursive_repr
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 T = TypeVar("T")
+LONGEST_TEXT = 160
+"""Number of characters of a record's fields above which its text is shortened."""
 
 if TYPE_CHECKING:
     from dataclasses import dataclass as dataclass
@@ -179,14 +182,31 @@ def _renamed(
 
 
 def _repr(names: Sequence[str]) -> Callable[[Any], str]:
-    """Make `__repr__` of a class from the names of its fields."""
+    """Make `__repr__` of a class from the names of its fields.
+
+    A text of several lines or over LONGEST_TEXT has types and sizes in place of long values, and ends there.
+    """
 
     @recursive_repr()
     def __repr__(self: Any) -> str:
-        shown = ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
-        return f"{type(self).__qualname__}({shown})"
+        shown = [f"{name}={getattr(self, name)!r}" for name in names]
+        if sum(map(len, shown)) > LONGEST_TEXT or any("\n" in text for text in shown):
+            shown = [f"{name}={_brief(getattr(self, name))}" for name in names]
+            ends = accumulate(len(text) + 2 for text in shown)
+            kept = sum(end <= LONGEST_TEXT for end in ends)
+            shown = [*shown[:kept], *(["..."] if kept < len(shown) else [])]
+        return f"{type(self).__qualname__}({', '.join(shown)})"
 
     return __repr__
+
+
+def _brief(value: object) -> str:
+    """Describe a value in a few words: itself, or its type and size."""
+    text = repr(value)
+    if len(text) <= 44 and "\n" not in text:
+        return text
+    size = getattr(value, "shape", None) or (len(value) if isinstance(value, Sized) else "")
+    return f"<{type(value).__name__}{size and f' of {size}'}>"
 
 
 def _values(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:

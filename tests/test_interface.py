@@ -7,7 +7,8 @@ import json
 import re
 import subprocess
 import sys
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, get_args, get_origin, get_type_hints, is_typeddict
@@ -42,6 +43,12 @@ from dualarm_cli.formats.request import COLUMNS, Column
 from dualarm_cli.interface import PlanOptions
 from dualarm_cli.model import settings
 from dualarm_cli.model.blending import BLENDINGS
+from dualarm_cli.model.cell import Tool
+from dualarm_cli.model.job import Task
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.shape import Shape
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.verification import Check
 from dualarm_cli.schemas import schema_of
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -229,11 +236,23 @@ def test_a_rate_with_more_samples_than_memory_has_room_for_is_refused(
 
 
 def test_a_trajectory_at_a_scalar_is_the_row_of_an_array(found: Plan) -> None:
-    """Python and numpy scalars, also beyond the ends."""
+    """Python and numpy scalars, and times equal to the ends but for rounding."""
     motion = found.schedule.trajectory
-    for time in (0.5, np.float64(0.5), np.array(0.5), 0, 1e3):
+    for time in (0.5, np.float64(0.5), np.array(0.5), 0, motion.duration + 1e-12):
         for row, rows in zip(motion.at(time), motion.at(np.array([time])), strict=True):
             assert row.shape == (len(motion.joints),) and np.array_equal(row, rows[0])
+
+
+def test_times_outside_a_motion_are_refused(found: Plan) -> None:
+    """With the range, by itself or among others; the planner's own evaluation stands at the ends."""
+    motion = found.schedule.trajectory
+    for time in (99.0, -0.1, motion.duration + 1e-6, np.nan, [0.5, 99.0], np.inf):
+        with pytest.raises(UsageError, match=rf"from 0 to {motion.duration:.10g} s"):
+            motion.at(time)  # type: ignore[arg-type]
+    for wrong in ("0.5", None, [True]):
+        with pytest.raises(UsageError, match="must be numbers"):
+            motion.at(wrong)  # type: ignore[arg-type]
+    assert np.array_equal(motion.clamped(99.0)[0], motion.position[-1])
 
 
 def test_jobs_plans_and_schedules_equal_themselves_alone(found: Plan) -> None:
@@ -293,6 +312,32 @@ def test_objects_have_a_short_text_and_notebooks_show_figures_with_a_picture(
     assert "<img" not in found._repr_html_() + found.job._repr_html_()
     with pytest.raises(dualarm_cli.MissingDependencyError, match=r"dualarm\[plot\]"):
         schedule.plot()
+
+
+def test_the_text_of_everything_in_a_plan_is_a_short_line(found: Plan) -> None:
+    """All records that a user comes to from a plan of tools with shapes, however deep; short values are whole."""
+    packed = load("04_packing")
+    texts: dict[type, str] = {}
+    open_: list[object] = [found, found.schedule.trajectory, packed, packed.limits]
+    seen = set()
+    while open_:
+        value = open_.pop()
+        if id(value) in seen:
+            continue
+        seen.add(id(value))
+        if is_dataclass(value):
+            texts[type(value)] = max(texts.get(type(value), ""), repr(value), key=len)
+            open_ += [getattr(value, field.name) for field in fields(value)]
+        elif isinstance(value, Mapping):
+            open_ += value.values()
+        elif isinstance(value, tuple | list):
+            open_ += value
+    assert {Trajectory, Task, Tool, Shape, Check, JointLimits} <= texts.keys()
+    assert {kind: text for kind, text in texts.items() if len(text) > 200 or "\n" in text} == {}
+    shape = f"<ndarray of {found.schedule.trajectory.position.shape}>"
+    assert f"position={shape}" in texts[Trajectory]
+    dwell = found.job.tasks[0].stops[0].dwell
+    assert repr(dwell) == f"Dwell(gripper={dwell.gripper}, settle={dwell.settle}, handshake=0.0)"
 
 
 def test_curves_are_those_of_the_motion(found: Plan) -> None:

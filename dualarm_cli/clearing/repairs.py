@@ -282,7 +282,7 @@ class Clearing:
             return True
         whole = self.alone(plan).trajectory
         fastest = largest_tool_speed(
-            self.model, list(self.model.arms), lambda time: whole.at(time)[0], whole.duration
+            self.model, list(self.model.arms), lambda time: whole.clamped(time)[0], whole.duration
         )
         return fastest <= self.job.tool_speed
 

@@ -13,8 +13,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinc
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.joint_motion import SAME_TIME
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.curved_transfers import Missing, ToolTimes, detour_pieces
 from dualarm_cli.motion.transfers import Drive
@@ -129,7 +128,7 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         held[inside] = holding.cell.loads.at_stops(
             held[inside], np.ones(int(inside.sum()), dtype=np.bool_)
         )
-    return StageSamples(motion.trajectory.at(time)[0], held, step)
+    return StageSamples(motion.trajectory.clamped(time)[0], held, step)
 
 
 def _on_lines(motion: Motion, arms: Sequence[str], start: float, end: float) -> tuple[float, float]:
@@ -342,7 +341,9 @@ class StageContext:
         plan = replace(self.plan, detours={name: detour})
         pieces = detour_pieces(drive, plan, name, self.platform)
         base = self.motions[name]
-        rows = [piece.at(np.arange(0.0, piece.duration, self.samples.step))[0] for piece in pieces]
+        rows = [
+            piece.clamped(np.arange(0.0, piece.duration, self.samples.step))[0] for piece in pieces
+        ]
         transfer = np.concatenate([base.q[:1], *rows])
         # A line begins when arm and platform have arrived.
         wait = max(0, self._platform_arrival() - len(transfer))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 
@@ -53,7 +54,7 @@ def answers(
             _compare_inputs(request, stored, seen)
             yield Answer(index, stored, from_store=True)
         else:
-            missing.setdefault(repr(request), []).append(index)
+            missing.setdefault(json.dumps(request.as_document()), []).append(index)
     places = list(missing.values())
     if not places:
         return

@@ -103,7 +103,7 @@ def _object_poses(
     """Compute an object's world positions (m, 3) and quaternions (m, 4) at instants (m,)."""
     job, steps = request.job, carried["keyframes"]
     assert job is not None
-    positions = request.schedule.trajectory.select(job.cell.robot.joints).at(instants)[0]
+    positions = request.schedule.trajectory.select(job.cell.robot.joints).clamped(instants)[0]
     begins = np.array([step["time"] for step in steps])
     index = np.clip(np.searchsorted(begins, instants, side="right") - 1, 0, None)
     translations, rotations = np.empty((len(instants), 3)), np.empty((len(instants), 4))

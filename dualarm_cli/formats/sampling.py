@@ -74,7 +74,7 @@ def sampled(
         )
         instants = np.union1d(instants[near > NEAREST], exact)
     instants = np.append(instants[instants < end], end)
-    return Samples(trajectory.joints, instants, *trajectory.at(instants / NANO))
+    return Samples(trajectory.joints, instants, *trajectory.clamped(instants / NANO))
 
 
 def _spaced(instants: np.ndarray) -> np.ndarray:
@@ -170,8 +170,8 @@ def _exact_pieces(
         block = edges[k : k + BLOCK + 1]
         start, length = block[:-1], np.diff(block)
         # Taken inside the piece, because its end belongs to the next piece.
-        q, v, a = trajectory.at(start)
-        later = trajectory.at(start + 0.5 * length)[2]
+        q, v, a = trajectory.clamped(start)
+        later = trajectory.clamped(start + 0.5 * length)[2]
         jerk = (later - a) / (0.5 * length)[:, None]
         yield start, length, np.stack([q, v, a / 2.0, jerk / 6.0], axis=1)
 

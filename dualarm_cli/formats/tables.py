@@ -17,8 +17,8 @@ from dualarm_cli.exporting.files import EVENTS, SAMPLES, TARGETS
 from dualarm_cli.formats.request import Column, ExportRequest, FileParts
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import StopKey
-from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Schedule, Segment
+from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.verification.as_done import events_by_stage
 from dualarm_cli.verification.measuring.tool_model import ToolModel
 
@@ -70,7 +70,7 @@ def samples_table(schedule: Schedule, rate: float, columns: Sequence[Column]) ->
     # In blocks, because Python numbers take ten times the memory of the array.
     for k in range(0, max(count, 1), BLOCK):
         time = start + np.arange(k, min(k + BLOCK, max(count, 1))) / rate
-        rates = dict(zip(DECIMALS, motion.at(time), strict=True))
+        rates = dict(zip(DECIMALS, motion.clamped(time), strict=True))
         over = time > end + SAME_SAMPLE
         rates["velocity"][over] = rates["acceleration"][over] = 0.0
         values = np.stack([rates[what] for what in columns], axis=2).reshape(len(time), -1)
@@ -109,7 +109,7 @@ def targets_table(schedule: Schedule) -> bytes:
         for event in schedule.events
         for point in _points(event, lines[event.arm, event.task, event.action])
     ]
-    positions = motion.at(np.array([time for _, _, time in points]))[0]
+    positions = motion.clamped(np.array([time for _, _, time in points]))[0]
     for (event, point, time), position in zip(points, positions, strict=True):
         pose = event.pose if point == "target" else model.pose(event.arm, position)
         words = event.arm, event.task, event.action, point

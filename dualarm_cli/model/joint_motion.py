@@ -13,11 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct, frozen
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.records import dataclass
 
-SAME_TIME = 1e-9
-"""Largest difference of equal times [s], for plans, reports and checks."""
 SAME_JERK = 1e-9
 """Relative difference below which jerks are equal, per largest jerk of the joint."""
 DEVIATION = 1e-11

@@ -396,15 +396,13 @@ class Schedule(ShownInNotebooks):
         if np.ndim(time) > 0:
             raise UsageError(f"time of shape {np.shape(time)}: must be one time [s]")
         check_type("time", time, SupportsFloat)
-        if not 0.0 <= time <= self.duration:
-            raise UsageError(f"time {time:g} s: must be from 0 to {self.duration:g} s")
         model, motion, part = (
             _pinocchio_model(self.robot.urdf),
             self.trajectory,
             self.robot.arms[arm],
         )
         order = [motion.joints.index(name) for name in model.names[1:]]
-        position = motion.at(np.array([time + motion.time[0]]))[0][0]
+        position = motion.at(time + motion.time[0])[0]
         data, frame = model.createData(), model.getFrameId(part.flange, pin.FrameType.BODY)
         pin.forwardKinematics(model, data, position[order])
         in_flange = pin.computeFrameJacobian(model, data, position[order], frame, pin.LOCAL)

@@ -7,8 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
+from dualarm_cli.errors import UsageError
 from dualarm_cli.geometry.arrays import FloatArray, frozen, readonly
 from dualarm_cli.records import dataclass
+
+SAME_TIME = 1e-9
+"""Largest difference of equal times [s], for plans, reports and checks."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +66,28 @@ class Trajectory:
     def at(self, time: FloatArray | float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Evaluate position, velocity, acceleration, each (m, n), or (n,) at a single time.
 
-        Times outside the knots are held at the ends. At a double knot the later one is used.
+        At a double knot the later one is used.
 
         Args:
-            time: instants [s], shape (m,), or one.
+            time: instants from the first knot to the last [s], shape (m,), or one.
+
+        Raises:
+            UsageError: instants outside the motion by more than rounding, or no numbers.
+        """
+        instants = np.asarray(time)
+        first, last = self.time[[0, -1]]
+        if instants.dtype.kind not in "iuf":
+            raise UsageError(f"time of type {instants.dtype}: must be numbers [s]")
+        inside = (instants >= first - SAME_TIME) & (instants <= last + SAME_TIME)
+        if not inside.all():
+            wrong = instants[~inside].flat[0]
+            raise UsageError(f"time {wrong:g} s: must be from {first:.10g} to {last:.10g} s")
+        return self.clamped(instants)
+
+    def clamped(self, time: FloatArray | float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Evaluate the motion like `at`; it stands before its first knot and after its last.
+
+        Velocities and accelerations outside are those at the ends.
         """
         time = np.clip(np.asarray(time, dtype=np.float64), self.time[0], self.time[-1])
         index = np.searchsorted(self.time, time, side="right") - 1

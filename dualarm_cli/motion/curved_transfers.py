@@ -221,8 +221,8 @@ def detour_pieces(
         def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
             q = np.tile(plan.start, (len(time), 1))
             if platform is not None:
-                q[:, drive.columns[PLATFORM]] = platform.at(time + delay)[0]
-            q[:, index] = piece.at(time)[0]
+                q[:, drive.columns[PLATFORM]] = platform.clamped(time + delay)[0]
+            q[:, index] = piece.clamped(time)[0]
             return q
 
         return [_along(drive, [name], joints, points, position_at)]

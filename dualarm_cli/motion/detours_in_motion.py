@@ -118,7 +118,7 @@ def _vias(detour: Detour, whole: Trajectory) -> list[tuple[FloatArray, FloatArra
         return [(detour.points[0], np.zeros((2, detour.points.shape[1])))]
     vias = []
     for fraction in SHARES:
-        q, v, a = (row[0] for row in whole.at(np.array([fraction * whole.duration])))
+        q, v, a = (row[0] for row in whole.clamped(np.array([fraction * whole.duration])))
         vias += [(q, np.stack([pace * v, np.square(pace) * a])) for pace in PACES]
     return vias
 

@@ -18,9 +18,8 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import ANY, GIVES, TAKES, Job
-from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Segment
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
@@ -172,7 +171,7 @@ def sampled_motion(
     inside = trajectory.time[(trajectory.time > start) & (trajectory.time < end)]
     uniform = np.arange(start, end, SETTINGS.step)
     time = np.unique(np.concatenate([[start], inside, uniform, [end]]))
-    q, v, a = trajectory.at(time)
+    q, v, a = trajectory.clamped(time)
     # At a jump `at` gives the later acceleration; the earlier one is in the first of both knots.
     jumps = np.flatnonzero(
         (np.diff(trajectory.time) <= 0.0)

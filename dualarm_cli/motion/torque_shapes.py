@@ -14,9 +14,9 @@ import numpy as np
 
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.joint_motion import SAME_TIME, merge
+from dualarm_cli.model.joint_motion import merge
 from dualarm_cli.model.schedule import Event, Segment, Stage
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import (
     SETTINGS,
@@ -131,7 +131,7 @@ def _shape(
     torque = np.abs(at_rest + moving + viscous)[:, columns]
     if (torque <= (1.0 - SETTINGS.reserve) * dynamics.limit[columns]).all():
         return None
-    start, end = trajectory.at(segment.start), trajectory.at(segment.end)
+    start, end = trajectory.clamped(segment.start), trajectory.clamped(segment.end)
     duration = segment.end - segment.start
     ends = TransferEnds(start, end, duration, q.min(axis=0), q.max(axis=0))
     return transfer_within_torques(dynamics, columns, ends, job.limits)
@@ -216,7 +216,7 @@ class _Edit:
             begin = self.shaped.segment.end
         parts.append(_cut(track, begin, max(self.rest + min(self.inserted, 0.0), begin)))
         if self.inserted > SAME_TIME:
-            parts.append(hold(track.joints, track.at(self.rest)[0], self.inserted))
+            parts.append(hold(track.joints, track.clamped(self.rest)[0], self.inserted))
         parts.append(_cut(track, self.rest, stage.end))
         return concatenate([part for part in parts if part.duration > 0.0] or parts[-1:])
 
@@ -271,7 +271,7 @@ def _rest(
     places = [(s.end, s.end - s.start) for s in waits[-1:]]
     places += [(s.end, 0.0) for s in reversed(after) if s.kind != "wait"]
     for time, waited in (*places, (stage.end, 0.0), *([] if shaped else [(stage.start, 0.0)])):
-        _, v, a = track.at(time)
+        _, v, a = track.clamped(time)
         if max(np.abs(v).max(), np.abs(a).max()) <= SETTINGS.at_rest:
             return time, waited
     return None
@@ -301,7 +301,7 @@ def _stage_of(event: Event, stages: Sequence[Stage]) -> int:
 def _cut(track: Trajectory, start: float, end: float) -> Trajectory:
     """Cut a span out of a motion; its time begins at 0."""
     rows = np.flatnonzero((track.time > start + SAME_TIME) & (track.time < end - SAME_TIME))
-    first, last = track.at(start), track.at(end)
+    first, last = track.clamped(start), track.clamped(end)
     inner = (track.position[rows], track.velocity[rows], track.acceleration[rows])
     rates = [np.vstack([x, y, z]) for x, y, z in zip(first, inner, last, strict=True)]
     time = np.concatenate([[start], track.time[rows], [end]]) - start

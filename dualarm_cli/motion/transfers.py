@@ -388,5 +388,5 @@ def _positions(
     """Compute all joints at given times of the stage, shape (m, n)."""
     q = np.tile(plan.start, (len(time), 1))
     for group, trajectory in transfers.motion.items():
-        q[:, columns[group]] = trajectory.at(time)[0]
+        q[:, columns[group]] = trajectory.clamped(time)[0]
     return q

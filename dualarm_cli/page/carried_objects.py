@@ -152,7 +152,7 @@ class _Follower:
         return pin.SE3(np.eye(3), offset) * pose
 
     def _bodies(self, time: float) -> Sequence[pin.SE3]:
-        positions = self.trajectory.at(np.array([time]))[0][0]
+        positions = self.trajectory.clamped(np.array([time]))[0][0]
         return poses_at(self.model, self.cell.robot, self.cell.base, positions)
 
 

@@ -205,7 +205,7 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     order = [watched.trajectory.joints.index(name) for name in model.names[1:]]
     curves = [("clearance", ~near), ("near links", near)]
     samples = {name: _Samples() for name, members in curves if members.any()}
-    for row, q in enumerate(watched.trajectory.at(times)[0][:, order]):
+    for row, q in enumerate(watched.trajectory.clamped(times)[0][:, order]):
         pin.computeDistances(model, data, geometry, geometry_data, q)
         distances = np.array([result.min_distance for result in results])
         for name, members in curves:

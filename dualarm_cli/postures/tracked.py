@@ -67,4 +67,4 @@ class Tracked:
     @property
     def q_target(self) -> FloatArray:
         """Joints at the start of the dwell [rad], shape (n,)."""
-        return self.motion.at(np.array([self.reached]))[0][0]
+        return self.motion.clamped(np.array([self.reached]))[0][0]

@@ -164,7 +164,7 @@ def elbow_imbalance(schedule: Schedule) -> float | None:
     sizes = []
     for name, column in zip(arms, columns, strict=True):
         after = np.array([part.arrival(name) for part in parts])
-        moved = trajectory.at(after)[0][:, column] - trajectory.at(before)[0][:, column]
+        moved = trajectory.clamped(after)[0][:, column] - trajectory.clamped(before)[0][:, column]
         sizes.append(np.abs(moved))
     return float(np.abs(sizes[0] - sizes[1]).mean())
 

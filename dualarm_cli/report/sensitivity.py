@@ -10,11 +10,10 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import cbrt, cos, power
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import DURATION, Schedule
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import PLATFORM, StageParts, is_handover, overlap, stage_parts
 from dualarm_cli.timing.shapes import symmetric_grid
@@ -139,7 +138,7 @@ def _paths(
     # Dense at the slow ends of the motion, so that the path is resolved uniformly.
     progress = (1.0 - cos(np.linspace(0.0, np.pi, SENSITIVITY.instants))) / 2.0
     time = spans[:, :1] + progress * (spans[:, 1:] - spans[:, :1])
-    q = trajectory.at(time.ravel())[0][:, columns].reshape(*time.shape, len(columns))
+    q = trajectory.clamped(time.ravel())[0][:, columns].reshape(*time.shape, len(columns))
     step = norm(np.diff(q, axis=1) / scale, axis=2)
     travelled = np.concatenate([np.zeros((len(q), 1)), np.cumsum(step, axis=1)], axis=1)
     nodes = _nodes()
@@ -369,11 +368,11 @@ def _displacements(
 ) -> FloatArray:
     """Compute the displacement of each joint in each stage's transfer [rad], (s, n)."""
     trajectory = schedule.trajectory
-    before = trajectory.at(starts)[0]
-    moved = np.abs(trajectory.at(arrived)[0] - before)
+    before = trajectory.clamped(starts)[0]
+    moved = np.abs(trajectory.clamped(arrived)[0] - before)
     for name, arm in schedule.robot.arms.items():
         columns = [joints.index(joint) for joint in arm.joints]
-        after = trajectory.at(arrivals[name])[0]
+        after = trajectory.clamped(arrivals[name])[0]
         moved[:, columns] = np.abs(after - before)[:, columns]
     return moved
 
@@ -441,7 +440,7 @@ def _slowing(schedule: Schedule, chains: _Chains, limits: JointLimits) -> FloatA
 
 def _is_passed(schedule: Schedule, arm: str, span: tuple[float, float]) -> bool:
     """Check whether an arm moves at either end of a transfer [s]."""
-    velocity = schedule.trajectory.at(np.array(span))[1]
+    velocity = schedule.trajectory.clamped(np.array(span))[1]
     columns = [schedule.trajectory.joints.index(name) for name in schedule.robot.arms[arm].joints]
     return bool(np.abs(velocity[:, columns]).max() > SENSITIVITY.at_rest)
 

@@ -15,9 +15,8 @@ import numpy as np
 from dualarm_cli.geometry.elementary import cbrt
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
-from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Schedule, Segment, Stage
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.waiting import MOVES, whole_transfers
 from dualarm_cli.records import dataclass, field_values
 from dualarm_cli.timing.spline import largest_rates
@@ -248,7 +247,7 @@ def _stands_from(
     columns = [trajectory.joints.index(name) for name in joints]
     inside = trajectory.time[(trajectory.time > start) & (trajectory.time < end)]
     time = np.concatenate([[start], inside, [end]])
-    q = trajectory.at(time)[0][:, columns]
+    q = trajectory.clamped(time)[0][:, columns]
     moving = np.flatnonzero((np.abs(q - q[-1]) > CORNERS.stands).any(axis=1))
     return float(time[moving[-1] + 1]) if len(moving) else start
 
@@ -349,7 +348,7 @@ def _passed(schedule: Schedule, arm: str) -> list[_Candidate]:
         begun = [part for part in parts[first:last] if part.kind in MOVES]
         if begun:
             near.append(_Candidate(event.time, begun[0], event=event))
-    velocity = schedule.trajectory.at(np.array([candidate.time for candidate in near]))[1]
+    velocity = schedule.trajectory.clamped(np.array([candidate.time for candidate in near]))[1]
     moves = np.abs(velocity[:, _columns(schedule, arm)]).max(axis=1) > CORNERS.at_rest
     return [candidate for candidate, moving in zip(near, moves, strict=True) if moving]
 
@@ -389,7 +388,7 @@ def _speeds(schedule: Schedule, model: ToolModel, arm: str, times: Sequence[floa
     """Compute a tool's speeds at instants [m/s], by central differences."""
     step = 1e-5
     around = np.array(times)[:, None] + np.array([-step, step])
-    _, p = model.poses(arm, schedule.trajectory.at(around.ravel())[0])
+    _, p = model.poses(arm, schedule.trajectory.clamped(around.ravel())[0])
     return [float(norm(step_vector)) / (2.0 * step) for step_vector in p[1::2] - p[::2]]
 
 
@@ -451,7 +450,7 @@ def _besides(
         out = np.array([line.kind == "retract" for _, line, _ in batch])
         spans = np.array([(line.start, line.end) for _, line, _ in batch])
         ends = np.where(out[:, None], spans, spans[:, ::-1])
-        R, p = model.poses(arm, schedule.trajectory.at(ends.ravel())[0])
+        R, p = model.poses(arm, schedule.trajectory.clamped(ends.ravel())[0])
         R, p = R[::2], p.reshape(-1, 2, 3)
         straight = -np.einsum("ki,kij->kj", p[:, 1] - p[:, 0], R)[:, 2]
         for row, (k, line, transfer) in enumerate(batch):
@@ -460,7 +459,9 @@ def _besides(
             if straight[row] >= length - CORNERS.whole:
                 continue
             along = np.linspace(transfer.start, transfer.end, CORNERS.instants)
-            places = model.poses(arm, schedule.trajectory.at(along[:: 1 if out[row] else -1])[0])[1]
+            places = model.poses(
+                arm, schedule.trajectory.clamped(along[:: 1 if out[row] else -1])[0]
+            )[1]
             local = product(places - p[row, 0], R[row])
             beyond = np.flatnonzero(-local[:, 2] > length)
             within = local[: beyond[0] if len(beyond) else None]

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import SAME_TIME
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 
 SAME_POSITION = 1e-9
 """Largest distance of equal positions [rad]."""

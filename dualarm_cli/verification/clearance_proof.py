@@ -212,7 +212,7 @@ class ClearanceProof:
 
     def _all_margins(self, times: FloatArray) -> FloatArray:
         """Measure the margins of all pairs at instants [m], shape (t, pairs)."""
-        q = self._trajectory.at(times)[0][:, self._order]
+        q = self._trajectory.clamped(times)[0][:, self._order]
         distances = np.empty((len(times), len(self._results)))
         for row, position in enumerate(q):
             pin.computeDistances(self._model, self._data, self._geometry, self._distances, position)
@@ -229,7 +229,7 @@ class ClearanceProof:
         middle = [np.asarray(form.aabb_center).ravel() for form in forms]
         radius = np.array([form.aabb_radius for form in forms])
         centers = np.empty((len(times), len(forms), 3))
-        for row, q in enumerate(self._trajectory.at(times)[0][:, self._order]):
+        for row, q in enumerate(self._trajectory.clamped(times)[0][:, self._order]):
             pin.updateGeometryPlacements(
                 self._model, self._data, self._geometry, self._distances, q
             )
@@ -244,7 +244,7 @@ class ClearanceProof:
         """Measure the margin of one pair at each instant [m], shape (n,)."""
         margins = np.empty(len(times))
         order = np.argsort(times, kind="stable")
-        q = self._trajectory.at(times[order])[0][:, self._order]
+        q = self._trajectory.clamped(times[order])[0][:, self._order]
         before = np.nan
         for row, position in zip(order.tolist(), q, strict=True):
             if times[row] != before:

@@ -441,7 +441,7 @@ class DelayProof:
 
         Joints that carry both arms are held at 0: they do not move one arm against the other.
         """
-        q = self._trajectory.at((numbers.astype(np.float64) + 0.5) * side)[0]
+        q = self._trajectory.clamped((numbers.astype(np.float64) + 0.5) * side)[0]
         q[:, self._carrying] = 0.0
         return self._chains[body].poses(q)
 

@@ -175,7 +175,7 @@ class ExecutedJob:
     def tool_pose(self, event: Event) -> pin.SE3:
         """Compute the arm's tool centre point in the world as it grips or releases."""
         time = np.array([event.changes_held])
-        return self.tools.pose(event.arm, self.schedule.trajectory.at(time)[0][0])
+        return self.tools.pose(event.arm, self.schedule.trajectory.clamped(time)[0][0])
 
     def shapes(self, lying: LyingPart) -> tuple[Shape, ...]:
         """Return a part's solids in the frame of its tool centre point."""

@@ -216,8 +216,10 @@ def _estimate_delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[floa
     part = distinct(np.linspace(0, count - 1, TRACK.grid_samples).astype(int))
     steps = round(TRACK.max_delay / TRACK.delay_step)
     grid = np.arange(-steps, steps + 1) * TRACK.delay_step
-    spread = np.array([np.var(actual[part] - plan.at(times[part] - d)[0], axis=0) for d in grid])
-    moves = np.ptp(plan.at(times)[0], axis=0) >= TRACK.min_motion
+    spread = np.array(
+        [np.var(actual[part] - plan.clamped(times[part] - d)[0], axis=0) for d in grid]
+    )
+    moves = np.ptp(plan.clamped(times)[0], axis=0) >= TRACK.min_motion
     best = grid[np.argmin(spread, axis=0)]
     return [
         _fit_delay(plan.select([joint]), times, actual[:, k], float(best[k])) if moves[k] else None
@@ -250,7 +252,7 @@ def _fit_delay(plan: Trajectory, times: FloatArray, actual: FloatArray, first: f
         if np.abs(residual).max() < TOL.same_joints:
             break
         weights, windows = _autoregression(residual)
-        velocity = plan.at(times - delay)[1][:, 0]
+        velocity = plan.clamped(times - delay)[1][:, 0]
         slope = velocity - velocity.mean()
         slope = slope[TRACK.order :] - product(_windows(slope), weights)
         # A delay d is an error of -d v.
@@ -266,7 +268,7 @@ def _fit_delay(plan: Trajectory, times: FloatArray, actual: FloatArray, first: f
 
 def _residual(plan: Trajectory, times: FloatArray, actual: FloatArray, delay: float) -> FloatArray:
     """Compute the residual of a joint without a delay and its mean, shape (m,)."""
-    error = actual - plan.at(times - delay)[0][:, 0]
+    error = actual - plan.clamped(times - delay)[0][:, 0]
     return np.asarray(error - error.mean())
 
 
@@ -320,11 +322,11 @@ def _track_joints(
     inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * fractions
     times = np.append(inner.ravel(), motion.time[-1])
     actual = motion.derivatives(times)[:, 0]
-    as_logged = np.abs(actual - plan.at(times)[0]).max(axis=0)
+    as_logged = np.abs(actual - plan.clamped(times)[0]).max(axis=0)
     tracking: dict[int, JointTracking] = {}
     for group, columns in groups.items():
         names = [plan.joints[k] for k in columns]
-        error = actual[:, columns] - plan.select(names).at(times - (late[group] or 0.0))[0]
+        error = actual[:, columns] - plan.select(names).clamped(times - (late[group] or 0.0))[0]
         for n, k in enumerate(columns):
             worst = int(np.argmax(np.abs(error[:, n])))
             tracking[k] = JointTracking(
@@ -361,7 +363,7 @@ def _recorded_trajectory(
     edges = edges[(edges >= 0.0) & (edges <= duration)]
     edges = edges[np.append(np.diff(edges) > TRACK.min_piece, True)]
     middle, length = 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)[:, None]
-    q, v, _ = (row.copy() for row in plan.at(edges))
+    q, v, _ = (row.copy() for row in plan.clamped(edges))
     begin, end = (row.copy() for row in (v[:-1], v[1:]))
     columns = [plan.joints.index(joint) for joint in joints]
     rows = motion.derivatives(edges + delay)
@@ -395,7 +397,7 @@ def _track_events(
         if event.arm not in known_arms:
             continue
         without_delay, as_logged = (
-            model.pose(event.arm, actual.at(np.array([event.time - shift]))[0][0])
+            model.pose(event.arm, actual.clamped(np.array([event.time - shift]))[0][0])
             for shift in (delay, 0.0)
         )
         tracking.append(
@@ -481,7 +483,7 @@ def _check_limits(
 def _mean_speed_fraction(actual: Trajectory, schedule: Schedule) -> float:
     """Compute the largest mean joint speed, as a fraction of its limit."""
     time = np.union1d(actual.time, 0.5 * (actual.time[1:] + actual.time[:-1]))
-    travel = np.abs(np.diff(actual.at(time)[0], axis=0)).sum(axis=0)
+    travel = np.abs(np.diff(actual.clamped(time)[0], axis=0)).sum(axis=0)
     limits = schedule.robot.limits.select(actual.joints).velocity
     return float((travel / (limits * (time[-1] - time[0]))).max())
 

@@ -117,7 +117,7 @@ def first_move(schedule: Schedule, arm: str, start: float, end: float) -> float:
         return 0.0
     columns = [schedule.trajectory.joints.index(name) for name in joints]
     times = dense_times(schedule.trajectory.time, start, end)
-    q = schedule.trajectory.at(times)[0][:, columns]
+    q = schedule.trajectory.clamped(times)[0][:, columns]
     moved = np.flatnonzero(np.abs(q - q[0]).max(axis=1) > TOL.stands)
     return float(times[moved[0]]) if len(moved) else 0.0
 

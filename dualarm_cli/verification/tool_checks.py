@@ -74,7 +74,7 @@ def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str
         for shift in (-SPEED.half, SPEED.half)
     )
     width = after - before
-    earlier, later = trajectory.at(before)[0], trajectory.at(after)[0]
+    earlier, later = trajectory.clamped(before)[0], trajectory.clamped(after)[0]
     speeds = {}
     for arm in schedule.robot.arms:
         distance = norm(model.poses(arm, later)[1] - model.poses(arm, earlier)[1], axis=1)
@@ -127,7 +127,7 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
         after = int(np.searchsorted(knots, event.time))
         knot.add(float(np.abs(knots[max(0, after - 1) : after + 1] - event.time).min()), where)
         # The instant by pinocchio, the dwell by arrays: two methods that must agree.
-        pose = model.pose(event.arm, schedule.trajectory.at(np.array([event.time]))[0][0])
+        pose = model.pose(event.arm, schedule.trajectory.clamped(np.array([event.time]))[0][0])
         distance.add(float(norm(pose.translation - event.pose.translation)), where)
         angle.add(float(rotation_angle(product(event.pose.rotation.T, pose.rotation))), where)
         if event.dwell > 0 and not event.moves:
@@ -170,7 +170,7 @@ def check_stands(schedule: Schedule, job: Job) -> Check:
             continue
         names = (*schedule.robot.arms[event.arm].joints, *schedule.robot.platform)
         columns = [trajectory.joints.index(name) for name in names]
-        speed = np.abs(trajectory.at(np.array([event.time]))[1][0, columns])
+        speed = np.abs(trajectory.clamped(np.array([event.time]))[1][0, columns])
         worst.add(
             float(speed.max(initial=0.0)), f"{event.task} ({event.action}) at {event.time:.6f} s"
         )
@@ -184,7 +184,7 @@ def _target_error(
     if isinstance(target, JointTarget):
         names = job.cell.robot.arm(event.arm).joints
         columns = [schedule.trajectory.joints.index(name) for name in names]
-        q = schedule.trajectory.at(np.array([event.time]))[0][0, columns]
+        q = schedule.trajectory.clamped(np.array([event.time]))[0][0, columns]
         return float(np.abs(target.configurations - q).max(axis=1).min())
     return pose_error(target.pose, target, event.pose, within)
 
@@ -320,7 +320,7 @@ def check_platform_still(schedule: Schedule, lines: Sequence[LineSpan]) -> Check
         batch = spans[k : k + AT_ONCE]
         starts, ends, names = zip(*batch, strict=True)
         times, first = dense_spans(trajectory.time, starts, ends)
-        position, velocity, _ = platform.at(times)
+        position, velocity, _ = platform.clamped(times)
         for start, work, (i, j) in zip(starts, names, pairwise(first), strict=True):
             q, v = position[i:j], velocity[i:j]
             moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))

@@ -79,7 +79,7 @@ def test_a_trajectory_between_knots_is_the_integral_of_its_jerk():
         np.array([[1.0], [1.5]]),
         np.array([[0.0], [1.0]]),
     )
-    q, v, a = one.at(np.array([0.5, 1.0, 7.0]))
+    q, v, a = one.clamped(np.array([0.5, 1.0, 7.0]))
     assert q[:, 0] == pytest.approx([0.5 + 0.125 / 6, 1 + 1 / 6, 1 + 1 / 6], abs=1e-15)
     assert v[0, 0] == pytest.approx(1.125)
     assert a[0, 0] == pytest.approx(0.5)

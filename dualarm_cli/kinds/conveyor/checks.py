@@ -134,7 +134,7 @@ def _measure_event(
         nominal = target.pose.copy()
         velocity = belt.conveyor.velocity
         nominal.translation = nominal.translation + velocity * (event.time - belt.at)
-        pose = model.pose(event.arm, trajectory.at(np.array([event.time]))[0][0])
+        pose = model.pose(event.arm, trajectory.clamped(np.array([event.time]))[0][0])
         violations.part.add(pose_error(nominal, target, pose), place)
         last = belt.passes + belt.within / float(norm(velocity))
         violations.window.add(
@@ -143,7 +143,7 @@ def _measure_event(
         )
     for time in (event.time, end):
         ends = np.clip([time - HALF_STEP, time + HALF_STEP], 0.0, trajectory.duration)
-        _, p = model.poses(event.arm, trajectory.at(ends)[0])
+        _, p = model.poses(event.arm, trajectory.clamped(ends)[0])
         speed = (p[1] - p[0]) / np.diff(ends)
         violations.velocity.add(float(norm(speed - np.array(event.velocity))), place)
     if event.dwell > 0:
@@ -157,7 +157,7 @@ def _in_belt(
     schedule: Schedule, model: ToolModel, event: Event, times: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Compute tool positions (m, 3) [m] and turns in the event's moving pose."""
-    R, p = model.poses(event.arm, schedule.trajectory.at(times)[0])
+    R, p = model.poses(event.arm, schedule.trajectory.clamped(times)[0])
     part = event.pose.translation + (times - event.time)[:, None] * np.array(event.velocity)
     return product(p - part, event.pose.rotation), rotation_angle(product(event.pose.rotation.T, R))
 

@@ -21,7 +21,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinds.conveyor.meeting import ConveyorMeeting, MissedError, Times, met_times
 from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.model.job import Job, Stop, Task
-from dualarm_cli.model.joint_motion import SAME_TIME
+from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass

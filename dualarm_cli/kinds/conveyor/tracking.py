@@ -331,7 +331,7 @@ class Tracking:
         time = dense(motion.time[rows])
         step = 1e-6 * max(1.0, self.pace)
         at = np.clip(np.stack([time - step, time + step]), motion.time[0], motion.time[-1])
-        before, after = (self._tool(motion.at(instants)[0])[1] for instants in at)
+        before, after = (self._tool(motion.clamped(instants)[0])[1] for instants in at)
         speed = norm(after - before, axis=1) / (at[1] - at[0])
         return float(speed.max()) / (1.0 - TRACKING.speed_margin)
 
@@ -346,7 +346,7 @@ class Tracking:
     def _stays(self, motion: Trajectory, phases: TrackingPhases) -> bool:
         """Test whether the tool is at its target between the knots."""
         time = dense(motion.time)
-        R, p = self._tool(motion.at(time)[0])
+        R, p = self._tool(motion.clamped(time)[0])
         R_target, p_target, z = flange_poses(
             self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
         )

@@ -156,7 +156,7 @@ def _judge_grip(schedule: Schedule, span: HandoverSpan, model: ToolModel, worst:
     work = span.giving.handover
     assert work is not None  # hand-overs have one
     for time, what in ((span.take.time, "grips"), (span.give.time, "holds it")):
-        [q] = schedule.trajectory.at(np.array([time]))[0]
+        [q] = schedule.trajectory.clamped(np.array([time]))[0]
         off = (model.pose(span.giving.arm, q) * work.grip).actInv(model.pose(span.taking.arm, q))
         error = max(float(norm(off.translation)), float(rotation_angle(off.rotation)))
         worst.add(
@@ -177,7 +177,7 @@ def _judge_still(
     if not end > start:
         return
     instants = dense_times(schedule.trajectory.time, start, end)
-    R, p = model.poses(arm, schedule.trajectory.at(instants)[0])
+    R, p = model.poses(arm, schedule.trajectory.clamped(instants)[0])
     turned: FloatArray = rotation_angle(product(R[0].T, R))
     off = np.maximum(norm(p - p[0], axis=1), turned)
     k = int(np.argmax(off))

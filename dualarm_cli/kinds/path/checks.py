@@ -174,7 +174,7 @@ def _add_corners(
     """
     path = work.sharp[segment.arm]
     time = dense_times(schedule.trajectory.time, segment.start, segment.end)
-    _, p = model.poses(segment.arm, schedule.trajectory.at(time)[0])
+    _, p = model.poses(segment.arm, schedule.trajectory.clamped(time)[0])
     # Between two instants the tool comes nearer than at both by less than half of their distance.
     steps = np.concatenate([[0.0], norm(np.diff(p, axis=0), axis=1)])
     for s in path.corners:
@@ -258,7 +258,7 @@ def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: Too
         path: the path of the segment's tool.
     """
     time = dense_times(schedule.trajectory.time, segment.start, segment.end)
-    R, p = model.poses(segment.arm, schedule.trajectory.at(time)[0])
+    R, p = model.poses(segment.arm, schedule.trajectory.clamped(time)[0])
     moved = norm(np.diff(p, axis=0), axis=1)
     turned = norm(log_rotation(product(R[1:], np.swapaxes(R[:-1], -1, -2))), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(np.maximum(moved, TURN_LENGTH * turned))])

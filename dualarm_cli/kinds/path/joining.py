@@ -161,7 +161,7 @@ def path_deviation(problem: PathProblem, motion: PathMotion, trajectory: Traject
     Turns are scaled by TURN_LENGTH.
     """
     looked_at = slice(CHECK_SPACING // 2, None, CHECK_SPACING)
-    position = trajectory.at(instants(problem.instants, problem.step)[looked_at])[0]
+    position = trajectory.clamped(instants(problem.instants, problem.step)[looked_at])[0]
     return _largest_error(problem, position, motion.position[looked_at])
 
 

@@ -208,7 +208,7 @@ def _sampled(
     body, trajectory = context.body, schedule.trajectory.select(context.body.joints)
     count = max(2, int(np.ceil((span[1] - span[0]) / SPACING)) + 1)
     time = np.linspace(*span, count)
-    q, qd, qdd = trajectory.at(time)
+    q, qd, qdd = trajectory.clamped(time)
     which = [a for a, arm in enumerate(body.arms) if arm in work.paths]
     points = context.critical_points(work.critical_points)
     arm_columns = body.moves & ~body.moves_carried

@@ -479,7 +479,7 @@ def touching_path(holding: Holding, path: FollowedPath) -> Refused | None:
     trajectory = path.trajectory
     count = max(2, int(np.ceil(trajectory.duration / FOLLOW.looked_at)) + 1)
     time = np.linspace(0.0, trajectory.duration, count)
-    position = trajectory.at(time)[0]
+    position = trajectory.clamped(time)[0]
     held_parts = holding.cell.loads.nothing(count, len(holding.cell.arms))
     margin = holding.cell.margins(position, held_parts)
     k = int(np.argmin(margin))

@@ -93,7 +93,7 @@ class MeasuredSeam:
             time: instants [s], shape (k,).
             guess: places on the seam [m], shape (k,), or None.
         """
-        work, position = self.work, self.schedule.trajectory.at(time)[0]
+        work, position = self.work, self.schedule.trajectory.clamped(time)[0]
         R, p = self.model.poses(work.slave, position)
         R_part, p_part = (
             np.tile(work.part.rotation, (len(time), 1, 1)),
@@ -120,7 +120,7 @@ class MeasuredSeam:
 
     def tool_in_part(self, time: FloatArray) -> FloatArray:
         """Compute the tool centre point in the part's frame at instants (k,) [s], (k, 3) [m]."""
-        _, p = self.model.poses(self.work.slave, self.schedule.trajectory.at(time)[0])
+        _, p = self.model.poses(self.work.slave, self.schedule.trajectory.clamped(time)[0])
         at = self.near(time, np.zeros(len(time)))
         inside: FloatArray = product((p - at.p_part)[:, None], at.R_part)[:, 0]
         return inside
@@ -375,7 +375,7 @@ def _free_time(schedule: Schedule, task: str, lines: Sequence[LineSpan], begin: 
     at_rest = int(np.searchsorted(motion.time, done - TOL.same_time))
     while at_rest < len(motion.time) - 1 and np.abs(motion.velocity[at_rest]).max() > TOL.at_rest:
         at_rest += 1
-    moved = np.abs(motion.position[at_rest] - motion.at(np.array([done]))[0][0]).max()
+    moved = np.abs(motion.position[at_rest] - motion.clamped(np.array([done]))[0][0]).max()
     return float(motion.time[at_rest]) if moved <= TOL.stands else done
 
 

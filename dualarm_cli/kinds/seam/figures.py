@@ -75,7 +75,7 @@ def _draw_joints(
     motion = schedule.trajectory.select(names)
     count = int(min(STYLE.most, max(2.0, motion.duration * STYLE.per_second)))
     time = np.linspace(0.0, motion.duration, count)
-    values = motion.at(time)[0 if rate == "position" else 1]
+    values = motion.clamped(time)[0 if rate == "position" else 1]
     for k, name in enumerate(names):
         slides = name in job.cell.robot.sliding
         shown = 1e3 * values[:, k] if slides else np.degrees(values[:, k])
@@ -96,7 +96,7 @@ def _draw_in_part(axes: Any, schedule: Schedule, job: Job, seam: SeamSamples) ->
     on, work = seam.on, seam.work
     _, p = work.curve.at(np.linspace(0.0, work.length, 400))
     axes.plot(*(1e3 * p.T), color="k", linewidth=1.0)
-    R, tip = ToolModel(schedule).poses(work.slave, schedule.trajectory.at(on.time)[0])
+    R, tip = ToolModel(schedule).poses(work.slave, schedule.trajectory.clamped(on.time)[0])
     chosen = np.unique(np.searchsorted(on.length, np.linspace(0.0, work.length, STYLE.frames)))
     chosen = chosen[chosen < len(on.time)]
     to_part = np.swapaxes(on.R_part[chosen], -1, -2)

@@ -183,7 +183,7 @@ def _sampled(
 ) -> SeamSamples:
     count = max(2, int(np.ceil((segment.end - segment.start) / SPACING)) + 1)
     time = np.linspace(segment.start, segment.end, count)
-    q, qd, _ = schedule.trajectory.select(body.joints).at(time)
+    q, qd, _ = schedule.trajectory.select(body.joints).clamped(time)
     arm_columns = body.moves & ~body.moves_carried
     rows = {arm: body.arms.index(arm) for arm in work.arms}
     by_arm: dict[str, list[float]] = {arm: [] for arm in work.arms}

@@ -261,7 +261,7 @@ def _deviations(
     knots = distinct(trajectory.time)
     share = np.arange(MOTION.per_knot) / MOTION.per_knot
     time = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
-    bodies = chain.bodies(trajectory.at(time)[0])
+    bodies = chain.bodies(trajectory.clamped(time)[0])
     nearest = chain.nearest_share(bodies, profile.at(time)[0])
     residuals = [chain.equations(bodies, nearest).exact.residuals]
     hold = chain.work.hold
@@ -279,7 +279,7 @@ def _acceleration(chain: Chain, profile: SteadyProfile, trajectory: Trajectory) 
     step = min(MOTION.moment, profile.duration / 100.0)
     knots = distinct(np.clip(trajectory.time, step, profile.duration - step))
     behind, middle, ahead = (
-        chain.nearest_share(chain.bodies(trajectory.at(time)[0]), profile.at(time)[0])
+        chain.nearest_share(chain.bodies(trajectory.clamped(time)[0]), profile.at(time)[0])
         for time in (knots - step, knots, knots + step)
     )
     return float(np.abs(ahead - 2.0 * middle + behind).max() / np.square(step))

@@ -148,7 +148,7 @@ def line_motion(
             LineProblem(limits.joints, position, distances, limits, tool_speed, knots)
         )
         middle = (motion.time[1:] + motion.time[:-1]) / 2.0
-        bodies = chain.bodies(motion.at(middle)[0])
+        bodies = chain.bodies(motion.clamped(middle)[0])
         travelled = bodies.p_tool - start
         lateral = travelled - product(travelled, along)[:, None] * along
         rotations = log_rotation(product(bodies.R_tool, R.T))
@@ -206,7 +206,7 @@ def worst_collision(
             continue
         count = max(2, int(np.ceil(motion.duration / SEAM.looked_at)) + 1)
         time = np.linspace(0.0, motion.duration, count)
-        position = motion.at(time)[0]
+        position = motion.clamped(time)[0]
         margin = _margins(holding, position)
         k = int(np.argmin(margin))
         if margin[k] < SEAM.kept_between:

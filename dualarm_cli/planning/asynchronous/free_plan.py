@@ -23,10 +23,9 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.job import Job, StopKey
-from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.lying import Visit, lying_parts, lying_throughout
 from dualarm_cli.model.schedule import Segment
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.transfers import PLATFORM, Drive, transfers_within_tool_speed
 from dualarm_cli.orders.model.tool_changes import cell_after
@@ -328,7 +327,7 @@ def _is_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
     if cell.rooms:
         cell, scene = with_motion_scenes(job, cell, motion, time)
         held = cell.loads.in_scenes(held, scene[:, None])
-    position = motion.trajectory.at(time)[0]
+    position = motion.trajectory.clamped(time)[0]
     stretches: list[StageSamples] = []
     for k in range(0, max(1, count - 1), CHUNK):
         span, before = slice(k, k + CHUNK + 1), stretches[-1] if k else None

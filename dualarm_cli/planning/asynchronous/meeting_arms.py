@@ -10,8 +10,8 @@ from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import WaitReason
+from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_path
 from dualarm_cli.orders.model.buffer_numbers import used_buffers
 from dualarm_cli.planning.asynchronous.own_clock import (
@@ -320,7 +320,7 @@ class ArmCoordination:
         joints, held = [], []
         for clock, timeline in zip(self.clocks, steps, strict=True):
             time = timeline.times()
-            joints.append(clock.trajectory.at(time)[0])
+            joints.append(clock.trajectory.clamped(time)[0])
             held.append(clock.held(time, self.cell, self.job))
         near = np.zeros(shape, dtype=np.bool_)
         i, c = (

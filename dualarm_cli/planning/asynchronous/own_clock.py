@@ -15,9 +15,8 @@ import numpy as np
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Segment, Stage, WaitReason
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import concatenate, hold
@@ -94,7 +93,7 @@ class OwnClock:
 
     def _stands(self, time: float) -> bool:
         """Return whether all joints stand at an instant [s]."""
-        return bool(np.abs(self.trajectory.at(np.array([time]))[1]).max(initial=0.0) < AT_REST)
+        return bool(np.abs(self.trajectory.clamped(np.array([time]))[1]).max(initial=0.0) < AT_REST)
 
     def line_begins(self) -> dict[str, float]:
         """Return the start of each task's first line, by the own clock [s].
@@ -220,7 +219,7 @@ def with_holds(trajectory: Trajectory, waits: Sequence[Wait]) -> Trajectory:
     for wait in waits:
         if wait.at > start + SAME_TIME:
             parts.append(piece(trajectory, start, wait.at))
-        position = trajectory.at(np.array([wait.at]))[0][0]
+        position = trajectory.clamped(np.array([wait.at]))[0][0]
         parts.append(hold(trajectory.joints, position, wait.length))
         start = wait.at
     if trajectory.duration > start + SAME_TIME:

@@ -90,7 +90,7 @@ class Version:
         if joint not in trajectory.joints:
             return None
         times = np.array([self.parts.stage.start, self.arrival(arm)])
-        q = trajectory.at(times)[0][:, trajectory.joints.index(joint)]
+        q = trajectory.clamped(times)[0][:, trajectory.joints.index(joint)]
         return float(abs(q[1] - q[0]))
 
 

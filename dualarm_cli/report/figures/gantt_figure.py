@@ -264,7 +264,7 @@ def platform_words(
     for stands, leaves in zip(edges[::2], edges[1::2], strict=True):
         a, b = max(stands, start), min(leaves, end)
         if a < b:
-            q = trajectory.at(np.array([(a + b) / 2.0]))[0][0, columns]
+            q = trajectory.clamped(np.array([(a + b) / 2.0]))[0][0, columns]
             text = ", ".join(place_text(float(v), s) for v, s in zip(q, slides, strict=True))
             whole = stands >= start and leaves <= end
             words.append(Wanted(text, lane, (Bar(0, a, b, False),), whole, number=True))

@@ -37,7 +37,7 @@ def plot_motion(
     # Knots, where curves have corners, and points between them for the eye.
     knots = motion.time
     time = np.union1d(knots, np.linspace(knots[0], knots[-1], 500))
-    values = dict(zip(UNITS, motion.at(time), strict=True))[quantity]
+    values = dict(zip(UNITS, motion.clamped(time), strict=True))[quantity]
     groups = {
         name: (group, k) for group, names in robot.groups.items() for k, name in enumerate(names)
     }

@@ -78,7 +78,7 @@ def tool_spans(
     for k in range(0, len(spans), AT_ONCE):
         batch = spans[k : k + AT_ONCE]
         times, first = dense_spans(trajectory.time, *np.array([span[1:] for span in batch]).T)
-        positions = trajectory.at(times)[0]
+        positions = trajectory.clamped(times)[0]
         poses = {arm: model.poses(arm, positions) for arm in {span[0] for span in batch}}
         for (arm, _, _), (begin, end) in zip(batch, pairwise(first), strict=True):
             R, p = poses[arm]

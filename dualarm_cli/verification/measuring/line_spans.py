@@ -169,8 +169,8 @@ def _on_lines(
         np.arange(len(lines)), [len(instants_of_line) for instants_of_line in instants]
     )
     times = np.concatenate(instants)
-    R, p = model.poses(arm, schedule.trajectory.at(times)[0])
-    R_event, p_event = model.poses(arm, schedule.trajectory.at(events)[0])
+    R, p = model.poses(arm, schedule.trajectory.clamped(times)[0])
+    R_event, p_event = model.poses(arm, schedule.trajectory.clamped(events)[0])
     velocity = np.array([line.stop.velocity for line in lines])
     moved = p - p_event[line] - (times - events[line])[:, None] * velocity[line]
     turn = R_event.transpose(0, 2, 1)[line]
