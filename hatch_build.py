@@ -11,6 +11,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -21,6 +22,8 @@ TIME_LIMIT = 300
 """How long npm and the bundler may take each [s]."""
 LIBRARY = "dualarm_cli/compiled/built/libdualarm.so"
 """Place of the compiled functions in the wheel."""
+SUFFIXES = (".c", ".h", ".zig")
+"""Endings of the files that the compiled functions are made of."""
 V2 = ("-mcpu=x86_64_v2",)
 """Instructions of all x86-64 processors since 2009."""
 TARGETS = {
@@ -97,6 +100,9 @@ def _compile(folder: Path, target: str | None = None) -> Path:
     newest = max(path.stat().st_mtime for path in made_of)
     if library.is_file() and library.stat().st_mtime > newest:
         return library
+    # The loader (`dualarm_cli/native.py`) refuses a library of other sources, as after a pull.
+    kept = (path for path in sorted(source.iterdir()) if path.suffix in SUFFIXES)
+    checksum = zlib.crc32(b"".join(path.read_bytes() for path in kept))
     library.parent.mkdir(parents=True, exist_ok=True)
     # Whole or not at all: another process may be loading it.
     made = library.with_suffix(f".{os.getpid()}")
@@ -104,7 +110,8 @@ def _compile(folder: Path, target: str | None = None) -> Path:
     with TemporaryDirectory() as cache:
         # Where builds run there may be no home to write to; Zig does not always end without one.
         environment = {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache, **os.environ}
-        elementary = Path(cache) / "elementary.o"
+        elementary, stamp = Path(cache) / "elementary.o", Path(cache) / "sources.c"
+        stamp.write_text(f"const unsigned int dualarm_sources = {checksum}u;\n", encoding="ascii")
         triple, _, instructions = TARGETS[target]
         linux = target.endswith("linux")
         # Objects for Linux are freestanding; those for macOS have that system's format.
@@ -112,7 +119,7 @@ def _compile(folder: Path, target: str | None = None) -> Path:
         first = [*ELEMENTARY, "-target", plain, *instructions, f"-femit-bin={elementary}"]
         first.append(str(source / "elementary.zig"))
         second = [*COMPILER, "-target", triple, *instructions, *(LINUX_LINKER if linux else ())]
-        second += ["-o", str(made), *names, str(elementary)]
+        second += ["-o", str(made), *names, str(stamp), str(elementary)]
         for command in (first, second):
             arguments = [sys.executable, *command]
             subprocess.run(arguments, env=environment, check=True, timeout=TIME_LIMIT)

@@ -8,6 +8,7 @@ results are the same on all of these processors.
 from __future__ import annotations
 
 import ctypes
+import zlib
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 
 LIBRARY = Path(__file__).parent / "compiled" / "built" / "libdualarm.so"
 """Path of the library built from `compiled/src`."""
+SOURCES = LIBRARY.parents[1] / "src"
+"""Folder of the C code in a source tree."""
 
 _UFUNC = ctypes.PYFUNCTYPE(
     ctypes.py_object,
@@ -37,17 +40,39 @@ def library() -> ctypes.CDLL:
     """Load the compiled functions.
 
     Raises:
-        DualArmError: the library was not built.
+        DualArmError: the library was not built, or from other sources than those in the source tree.
     """
     try:
-        return ctypes.CDLL(str(LIBRARY))
-    except OSError as error:
+        loaded = ctypes.CDLL(str(LIBRARY))
+        check_sources(loaded)
+    except (OSError, ValueError) as error:
         # Every array module imports this one: errors and their sentences are imported only to raise one.
         from dualarm_cli.errors import DualArmError
 
         raise DualArmError(
             f"the compiled functions cannot be loaded ({error}); install dualarm again with pip, which builds them"
         ) from error
+    return loaded
+
+
+def check_sources(loaded: ctypes.CDLL, folder: Path = SOURCES) -> None:
+    """Compare the checksum in a library with its sources, which wheels do not have.
+
+    Without this check a stale library crashes, or gives wrong bounds.
+
+    Raises:
+        ValueError: the library is built from other sources.
+    """
+    if not folder.is_dir():
+        return
+    kept = (path for path in sorted(folder.iterdir()) if path.suffix in (".c", ".h", ".zig"))
+    checksum = zlib.crc32(b"".join(path.read_bytes() for path in kept))
+    try:
+        built = ctypes.c_uint.in_dll(loaded, "dualarm_sources").value
+    except ValueError:
+        built = None  # older than this check
+    if built != checksum:
+        raise ValueError("they are not built from the C code of this version")
 
 
 @cache

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import json
 import platform
 import re
+import shutil
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 import yaml
 
-from dualarm_cli import __version__
+from dualarm_cli import DualArmError, __version__, native
 
 ROOT = Path(__file__).parents[1]
 WEB = ROOT / "dualarm_cli" / "page" / "web"
@@ -48,6 +51,26 @@ def test_wheels_are_built_and_tried_for_every_target(hook: ModuleType) -> None:
     assert jobs["wheel"]["strategy"]["matrix"]["target"] == tried == list(hook.TARGETS)
     assert hook.TARGETS[hook.native_target()][1].endswith(f"_{platform.machine()}")
     assert len({tag for _, tag, _ in hook.TARGETS.values()}) == len(hook.TARGETS)
+
+
+def test_a_library_of_other_sources_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A character of a comment more; files that are not compiled do not count, and wheels have no sources."""
+    loaded, folder = native.library(), tmp_path / "src"
+    shutil.copytree(native.SOURCES, folder)
+    (folder / "notes.txt").write_text("not compiled")
+    native.check_sources(loaded, folder)
+    native.check_sources(loaded, tmp_path / "none")
+    with (folder / "paths.h").open("a", encoding="utf-8") as file:
+        file.write("// more\n")
+    with pytest.raises(ValueError, match="not built from the C code"):
+        native.check_sources(loaded, folder)
+    with pytest.raises(ValueError, match="not built from the C code"):
+        native.check_sources(ctypes.CDLL(None), folder)
+    monkeypatch.setattr(native, "check_sources", partial(native.check_sources, folder=folder))
+    with pytest.raises(DualArmError, match="install dualarm again with pip"):
+        native.library.__wrapped__()
 
 
 def test_issue_forms_ask_in_fields_with_labels() -> None:
