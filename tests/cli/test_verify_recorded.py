@@ -25,7 +25,7 @@ def log(planned, file, delay=0.0, error=0.0):
     """Writes a CSV of a motion that is late [s], with one joint off [rad]."""
     trajectory = read_schedule(planned).trajectory
     time = np.arange(0.0, trajectory.duration + 0.02, 0.004)
-    q, v, _ = (row.copy() for row in trajectory.at(time - delay))
+    q, v, _ = (row.copy() for row in trajectory.clamped(time - delay))
     q[:, trajectory.joints.index("right_b")] += error
     with file.open("w", newline="") as opened:
         writer = csv.writer(opened)

@@ -69,7 +69,7 @@ def test_the_fastest_tool_is_found_between_the_instants_that_are_looked_at_first
         time = np.linspace(0.0, length, 20_001)
         q = np.tile(plan.start, (len(time), 1))
         for group, trajectory in moved.motion.items():
-            q[:, drive.columns[group]] = trajectory.at(time)[0]
+            q[:, drive.columns[group]] = trajectory.clamped(time)[0]
         dense = max(
             float(np.linalg.norm(np.diff(model.tool_position(arm, q), axis=0), axis=1).max())
             for arm in model.arms
@@ -78,7 +78,7 @@ def test_the_fastest_tool_is_found_between_the_instants_that_are_looked_at_first
         def position_at(t, moved=moved, plan=plan):
             q = np.tile(plan.start, (len(t), 1))
             for group, trajectory in moved.motion.items():
-                q[:, drive.columns[group]] = trajectory.at(t)[0]
+                q[:, drive.columns[group]] = trajectory.clamped(t)[0]
             return q
 
         found = largest_tool_speed(model, list(model.arms), position_at, length)

@@ -320,7 +320,9 @@ def _together(job: Job, clocks: list[Clock]) -> Schedule:
     time = np.unique(np.concatenate([part.time for part in parts]))
     # What differs by rounding alone is one knot.
     time = time[np.append(True, np.diff(time) > 1e-12)]
-    columns = [np.hstack(rates) for rates in zip(*(part.at(time) for part in parts), strict=True)]
+    columns = [
+        np.hstack(rates) for rates in zip(*(part.clamped(time) for part in parts), strict=True)
+    ]
     platform = np.zeros((len(time), 1))
     trajectory = Trajectory(JOINTS, time, *(np.hstack([platform, rates]) for rates in columns))
     return Schedule(

@@ -72,8 +72,8 @@ def least(schedule, job, late, delay, times):
     solids = cell_solids(job.cell, model, [])
     sides = [[s for s in solids if s.body.startswith(side)] for side in ("left", "right")]
     columns = [motion.joints.index(name) for name in late.joints]
-    q = motion.at(times)[0]
-    q[:, columns] = motion.at(times - delay)[0][:, columns]
+    q = motion.clamped(times)[0]
+    q[:, columns] = motion.clamped(times - delay)[0][:, columns]
     order, found = [motion.joints.index(name) for name in model.names[1:]], np.inf
     for row in q[:, order]:
         pin.forwardKinematics(model, data, row)

@@ -80,7 +80,7 @@ def test_boxes_enclose_what_moves_in_their_stretch():
     first = -proof._before << proof._search.levels
     for k in range(low.shape[1]):
         for time in np.linspace((first + k) * step, (first + k + 1) * step, 5):
-            x = motion.at(np.array([time]))[0][0]
+            x = motion.clamped(np.array([time]))[0][0]
             assert (low[0, k] <= [x[0] + 1e-9, 0.3 + 1e-9, 1e-9]).all()
             assert (high[0, k] >= [x[0] + 1.0 - 1e-9, 1.3 - 1e-9, 1.0 - 1e-9]).all()
             assert (low[1, k] <= np.array([x[1], 0.0, 0.0]) - RADIUS + 1e-9).all()
@@ -227,8 +227,8 @@ def test_random_arms_agree_with_dense_samples(seed):
 
     def margin(times, late, delay):
         """Least margin at some times with one arm late."""
-        q, own = motion.at(times)[0], slice(3 * late, 3 * late + 3)
-        q[:, own] = motion.at(times - delay)[0][:, own]
+        q, own = motion.clamped(times)[0], slice(3 * late, 3 * late + 3)
+        q[:, own] = motion.clamped(times - delay)[0][:, own]
         least = np.inf
         for row in q:
             pin.computeDistances(model, data, geometry, distances, row)

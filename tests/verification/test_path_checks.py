@@ -113,8 +113,8 @@ def test_a_joint_off_by_a_milliradian_fails_the_distance(planned, bumped):
     assert "seam (left)" in check.detail
     # By hand: how far that knot's tool is from the planned one's. Both are on the path to 25 um.
     model, time = ToolModel(schedule), schedule.trajectory.time[[middle + 2]]
-    there = model.poses("left", schedule.trajectory.at(time)[0])[1]
-    planned_there = model.poses("left", planned.schedule.trajectory.at(time)[0])[1]
+    there = model.poses("left", schedule.trajectory.clamped(time)[0])[1]
+    planned_there = model.poses("left", planned.schedule.trajectory.clamped(time)[0])[1]
     moved = float(np.linalg.norm(there - planned_there))
     assert moved > 2e-4
     assert 1.0 < check.measured <= moved / 1e-4 + 0.3
@@ -285,7 +285,7 @@ def test_the_shorter_path_is_to_be_followed_slower(planned):
     """The right tool in 0.8 of the time, then resting: 68 mm/s are less than 100, but its share is 54 mm/s."""
     time, q, v, a = knots(planned.schedule)
     right = [k for k, j in enumerate(planned.schedule.trajectory.joints) if j.startswith("right")]
-    fast = planned.schedule.trajectory.at(time / 0.8)
+    fast = planned.schedule.trajectory.clamped(time / 0.8)
     for values, early, factor in zip((q, v, a), fast, (1.0, 0.8, 0.64), strict=True):
         values[:, right] = early[:, right] / factor
     checks = paths(with_motion(planned.schedule, time, q, v, a), planned.job)

@@ -38,7 +38,7 @@ def logged(schedule, delays=None, error=None, rate=250.0, joints=None):
     time = np.arange(0.0, schedule.duration + 0.05, 1.0 / rate)
     rates = np.empty((3, len(time), len(joints)))
     for k, joint in enumerate(joints):
-        own = schedule.trajectory.select([joint]).at(time - delays.get(joint, 0.0))
+        own = schedule.trajectory.select([joint]).clamped(time - delays.get(joint, 0.0))
         rates[:, :, k] = [row[:, 0] for row in own]
         if joint in error:
             rates[0, :, k] += error[joint](time)
@@ -170,7 +170,7 @@ def test_the_tools_of_a_turned_joint_are_off_as_far_as_the_lever_says(schedule, 
             continue
         q = np.zeros(model.nq)
         names = schedule.trajectory.joints
-        values = schedule.trajectory.at(np.array([row.event.time]))[0][0]
+        values = schedule.trajectory.clamped(np.array([row.event.time]))[0][0]
         for name, value in zip(names, values, strict=True):
             q[model.idx_qs[model.getJointId(name)]] = value
         pin.computeJointJacobians(model, data, q)
