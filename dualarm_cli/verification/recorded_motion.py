@@ -216,9 +216,8 @@ def _estimate_delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[floa
     part = distinct(np.linspace(0, count - 1, TRACK.grid_samples).astype(int))
     steps = round(TRACK.max_delay / TRACK.delay_step)
     grid = np.arange(-steps, steps + 1) * TRACK.delay_step
-    spread = np.array(
-        [np.var(actual[part] - plan.clamped(times[part] - d)[0], axis=0) for d in grid]
-    )
+    off = (actual[part] - plan.clamped(times[part] - d)[0] for d in grid)
+    spread = np.array([np.var(errors, axis=0) for errors in off])
     moves = np.ptp(plan.clamped(times)[0], axis=0) >= TRACK.min_motion
     best = grid[np.argmin(spread, axis=0)]
     return [
