@@ -289,6 +289,7 @@ def _show(
     """
     from dualarm_cli.model.verification import exceptions
     from dualarm_cli.report.report import verification_document
+    from dualarm_cli.verification.measuring.criteria import CRITERIA
 
     checks = tuple(replace(check, detail=printable(check.detail)) for check in judged.checks)
     judged = replace(judged, checks=checks)
@@ -310,9 +311,12 @@ def _show(
                 console.print(_table(judged.failures))
             if count := sum(check.verdict == "not checked" for check in checks):
                 print_lines(console, f"{count} checks do not apply or need more input: add -v")
-        passed = sum(check.verdict == "passed" for check in checks)
+        passed = [check.name for check in checks if check.verdict == "passed"]
+        # Those of `plan` alone are counted, so that both commands say the same number.
+        added = [name for name in passed if name in CRITERIA["Files and budget"]]
+        counted = f"{len(passed) - len(added)} checks{added and ' and ' + ', '.join(added) or ''}"
         failed = ", ".join(check.name for check in judged.failures)
-        result = f"passed ({passed} checks){exceptions(judged.caveats)}"
+        result = f"passed ({counted}){exceptions(judged.caveats)}"
         what = "verification" if tracking is None else "recorded motion"
         print_lines(console, f"{what}: {result if judged.passed else f'FAILED: {failed}'}")
     if not judged.passed:

@@ -131,8 +131,8 @@ def test_with_a_skew_stages_touch_whose_arms_touch_when_one_is_late(tasks_folder
         times = np.arange(stage.start, stage.end, 0.01)
         for columns in holding.cell.columns:
             for delay in np.linspace(0.0, skew, 7):
-                q = motion.trajectory.at(times)[0]
-                q[:, columns] = motion.trajectory.at(times - delay)[0][:, columns]
+                q = motion.trajectory.clamped(times)[0]
+                q[:, columns] = motion.trajectory.clamped(times - delay)[0][:, columns]
                 held = np.zeros((len(q), 2), dtype=np.int64)
                 if holding.cell.cross_margins(q, held).min() < KEPT:
                     late.add(k)

@@ -82,6 +82,15 @@ def test_json_is_one_document_with_every_check(planned, first_pick, capsys):
         assert check["detail"]
 
 
+def test_plan_and_verify_count_the_same_checks(planned, first_pick, capsys):
+    """That of `report.json`; what only a file can be checked for is named."""
+    assert run(["verify", str(planned), "--tasks", str(first_pick), "--quiet"]) == 0
+    checks = json.loads((planned / "report.json").read_text())["verification"]["checks"]
+    count = sum(check["verdict"] == "passed" for check in checks)
+    line = capsys.readouterr().out
+    assert line.startswith(f"verification: passed ({count} checks and robot, duration, files)")
+
+
 def test_quiet_says_the_verdict_only_and_keeps_the_exit_code(planned, copied, capsys):
     """0 and 1."""
     edit(copied, lambda d: d.update(duration=1.0))
