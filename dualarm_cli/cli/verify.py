@@ -314,7 +314,7 @@ def _show(
         passed = [check.name for check in checks if check.verdict == "passed"]
         # Those of `plan` alone are counted, so that both commands say the same number.
         added = [name for name in passed if name in CRITERIA["Files and budget"]]
-        counted = f"{len(passed) - len(added)} checks{added and ' and ' + ', '.join(added) or ''}"
+        counted = f"{len(passed) - len(added)} checks" + (f" and {', '.join(added)}" * bool(added))
         failed = ", ".join(check.name for check in judged.failures)
         result = f"passed ({counted}){exceptions(judged.caveats)}"
         what = "verification" if tracking is None else "recorded motion"
