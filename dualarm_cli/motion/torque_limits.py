@@ -39,7 +39,7 @@ class TorqueSettings:
     step: float = 0.008
     """Largest distance of two instants [s]."""
     reserve: float = 3e-3
-    """Fraction of the torque left to the motion that is kept, for peaks between instants."""
+    """Fraction of efforts that is kept, for peaks between instants."""
     at_rest: float = 1e-9
     """Speed [rad/s] and acceleration [rad/s²] that count as zero."""
 
@@ -202,15 +202,16 @@ def _least_squares(
         InfeasibleError: a joint cannot hold still.
     """
     at_rest, moving, viscous = dynamics.torques(*motion)
-    lacking = np.abs(at_rest) - dynamics.limit
+    limit = (1.0 - SETTINGS.reserve) * dynamics.limit
+    lacking = np.abs(at_rest) - limit
     k, joint = np.unravel_index(int(np.argmax(lacking)), lacking.shape)
     if lacking[k, joint] >= 0.0:
         raise InfeasibleError(
             _cannot_hold(job, float(time[k]), int(joint), float(at_rest[k, joint]), held)
         )
     # With u = 1 / factor: |moving| u² + along u <= room, and against `moving` -along u <= opposite.
-    sign, keep = np.copysign(1.0, moving), 1.0 - SETTINGS.reserve
-    room, opposite = (keep * (dynamics.limit - s * at_rest) for s in (sign, -sign))
+    sign = np.copysign(1.0, moving)
+    room, opposite = (limit - s * at_rest for s in (sign, -sign))
     along = sign * viscous
     root = np.sqrt(np.square(along) + 4.0 * np.abs(moving) * room)
     squares = np.abs(moving) / room + along * (along + root) / (2.0 * np.square(room))

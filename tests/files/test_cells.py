@@ -228,6 +228,8 @@ def test_stated_centres_and_moments_have_priority(
     stated = weighed(ball, "mass: 2 kg, inertia: [0.1, 0.2, 0.25, 0.01, 0.02, 0.03]")
     expected = [[0.1, 0.01, 0.02], [0.01, 0.2, 0.03], [0.02, 0.03, 0.25]]
     assert stated.inertia == pytest.approx(np.array(expected), rel=1e-12)
+    units = "mass: 2 kg, inertia: [0.1 kg m^2, 0.2 kgm², 250e6 g mm², 0.01, 0.02, 0.03]"
+    assert weighed(ball, units).inertia == pytest.approx(stated.inertia, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -241,6 +243,10 @@ def test_stated_centres_and_moments_have_priority(
         ("mass: 1 kg, inertia: [1, 1, 3]", "no body has these moments"),
         ("mass: 1 kg, inertia: [1, 1, 1, 2, 0, 0]", "no body has these moments"),
         ("mass: 1 kg, inertia: [1.0e+300, 1.0e+300, 1.0e+300]", "1e+06"),
+        (
+            "mass: 1 kg, inertia: [1 lb, 1, 1]",
+            "unit 'lb' in '1 lb' is not one of moment of inertia",
+        ),
         ("mass: -1 kg", "mass must be at least 0"),
     ],
 )

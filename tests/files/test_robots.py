@@ -354,7 +354,7 @@ def test_an_unknown_bundled_robot_gets_the_names_there_are(
 
 
 def test_torques_are_those_of_the_urdf_and_of_the_robot_file(project: Path, change: Change) -> None:
-    """The file's effort instead of the URDF's, derated; `default` for joints without a section of their own."""
+    """The file's effort instead of the URDF's, derated; `default` for keys that a joint does not state."""
     urdf = project / "tiny.urdf"
     urdf.write_text(urdf.read_text().replace('effort="1"', 'effort="40"'))
     assert load_robot(Path("robot.yaml")).robot.torques.effort.tolist() == [40.0] * 5
@@ -368,10 +368,10 @@ def test_torques_are_those_of_the_urdf_and_of_the_robot_file(project: Path, chan
         "postures:",
     )
     torques = load_robot(Path("robot.yaml")).robot.torques
-    assert torques.effort.tolist() == [20.0, 100.0, 20.0, 20.0, 20.0]
+    assert torques.effort.tolist() == [20.0, 50.0, 20.0, 20.0, 20.0]
     assert torques.rated.tolist() == [math.inf, 30.0, math.inf, math.inf, math.inf]
     assert torques.coulomb.tolist() == [0.0, 2.0, 0.0, 0.0, 0.0]
-    assert torques.viscous.tolist() == [0.5, 0.0, 0.5, 0.5, 0.5]
+    assert torques.viscous.tolist() == [0.5, 0.5, 0.5, 0.5, 0.5]
     assert torques.rotor.tolist() == [0.0, 0.3, 0.0, 0.0, 0.0]
     assert torques.spring.tolist() == [0.0, -4.0, 0.0, 0.0, 0.0]
     assert torques.stiffness.tolist() == [0.0, 6.0, 0.0, 0.0, 0.0]

@@ -93,7 +93,13 @@ def test_gravity_is_not_slowed_away() -> None:
     q, a = trajectory.position[:, 0], trajectory.acceleration[:, 0]
     torque = MASS * LENGTH**2 * a - MASS * GRAVITY * LENGTH * np.cos(q)
     assert np.abs(torque).max() <= effort
-    assert np.abs(torque).max() == pytest.approx(effort, rel=0.02)
+    assert np.abs(torque).max() == pytest.approx((1.0 - SETTINGS.reserve) * effort, rel=1e-3)
+
+
+def test_the_reserve_is_kept_at_rest() -> None:
+    """M g L = 9.81 N m is 99.8 % of 9.83 N m."""
+    with pytest.raises(InfeasibleError, match="swing needs 9.81 N m to hold still"):
+        within_torques(job_of(9.83, pin.SE3.Identity()), swing())
 
 
 def test_a_joint_that_cannot_hold_still_is_refused() -> None:

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import core_schema
 
+from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     BodyPair,
     Clearance,
@@ -15,6 +16,7 @@ from dualarm_cli.files.source.fields import (
     Mass,
     Name,
     Pose,
+    Quantity,
     Scale,
     Section,
     Size,
@@ -113,7 +115,7 @@ class ObstacleSection(ShapeSection):
 
 
 Moments = Annotated[
-    list[Annotated[float, Field(ge=-1e6, le=1e6)]], Field(min_length=3, max_length=6)
+    list[Annotated[float, Quantity(quantities.INERTIA)]], Field(min_length=3, max_length=6)
 ]
 
 

@@ -348,15 +348,16 @@ def joint_torques(
     _check_joint_names(document, "torques", list(model.torques), names, findings)
     if not model.torques:
         return None
-    usual = model.torques.get(DEFAULT, TorqueSection())
-    sections = [model.torques.get(name, usual) for name in names]
+    stated = {key: value.model_dump(exclude_unset=True) for key, value in model.torques.items()}
+    usual = stated.get(DEFAULT, {})
+    sections = [TorqueSection(**usual | stated.get(name, {})) for name in names]
     efforts = [
         effort if section.effort is None else section.effort
         for effort, section in zip(robot.torques.effort.tolist(), sections, strict=True)
     ]
     for name, section, effort in zip(names, sections, efforts, strict=True):
         if 0.0 < section.derating * effort <= section.coulomb_friction:
-            key = name if name in model.torques else DEFAULT
+            key = name if "coulomb_friction" in stated.get(name, {}) else DEFAULT
             message = (
                 f"friction of {section.coulomb_friction:g} leaves {quote(name)} nothing of its effort of "
                 f"{section.derating * effort:g}; give less friction or more effort"

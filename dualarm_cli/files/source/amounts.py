@@ -17,6 +17,8 @@ DIMENSIONS = (
     quantities.ANGLE,
     quantities.TIME,
     quantities.MASS,
+    quantities.DENSITY,
+    quantities.INERTIA,
     quantities.TORQUE,
     quantities.FRACTION,
     quantities.SPEED,

@@ -50,6 +50,7 @@ TIME = Dimension("time", {"s": 1.0, "ms": 1e-3, "min": 60.0}, 1e5)
 MASS = Dimension("mass", {"kg": 1.0, "g": 1e-3}, 1e5)
 DENSITY = Dimension("density", {"kg/m^3": 1.0, "g/cm^3": 1e3}, 1e5)
 TORQUE = Dimension("torque", {"Nm": 1.0, "kNm": 1e3}, 1e7)
+INERTIA = Dimension("moment of inertia", {"kgm^2": 1.0, "gmm^2": 1e-9}, 1e6)
 FRACTION = Dimension("fraction", {"": 1.0, "%": 0.01}, 1e3)
 SPEED = Dimension("speed", {"m/s": 1.0, "mm/s": 1e-3}, 1e3, 20.0, "mm/s")
 ACCELERATION = Dimension("acceleration", {"m/s^2": 1.0, "mm/s^2": 1e-3}, 1e6)
@@ -115,7 +116,7 @@ def split_quantity(value: str, example: str = "0.12 or '120 mm'") -> tuple[float
     Raises:
         QuantityError: it is not a number, with or without a unit.
     """
-    text = value.strip().translate(_SPELLING)
+    text = value.strip().translate(_SPELLING).replace("g m", "gm")
     match = _QUANTITY.fullmatch(text) if len(text) <= 80 else None
     if match is None or _LEADING_ZERO.match(text):
         raise QuantityError(f"{quote(value)} is not a number{_advice(text, example)}")
