@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinds.path.following import PathMotion, PathProblem
@@ -133,3 +134,34 @@ def test_torques_stay_within_limits_that_bind(zhang, coarser) -> None:
     found = np.abs(np.diff(held.position, n=2, axis=0) / h**2).max()
     assert found <= limit[0] * 1.001
     assert peak.max() > limit[0]
+
+
+def test_torques_of_the_paper_s_turn_stay_within_lower_efforts(zhang, coarser) -> None:
+    """[Zhang2024] Eq. 24 with the robot's masses: efforts below what the free motion needs bind, and hold.
+
+    Torques are pinocchio's, of the URDF with both arms, by differences of the instants.
+    """
+    context, problem = zhang
+    problem = coarser(problem, 4)
+    model = pin.buildModelFromXML(context.job.cell.robot.urdf)
+    data, h = model.createData(), problem.step
+    assert tuple(model.names[1:]) == context.job.cell.robot.joints
+
+    def torques(motion: PathMotion) -> np.ndarray:
+        q = motion.position
+        v, a = (q[2:] - q[:-2]) / (2.0 * h), np.diff(q, n=2, axis=0) / h**2
+        return np.array([pin.rnea(model, data, *row) for row in zip(q[1:-1], v, a, strict=True)])
+
+    free = follow_manipulability(replace(problem, torque=None))
+    assert isinstance(free, PathMotion)
+    worst = np.abs(torques(free)).max(axis=0)
+    assert (worst < 0.2 * problem.torque).all()
+    # Joint 1 of the left arm carries the others' weight on its tilted base, and most of it is free to move.
+    lower = problem.torque.copy()
+    lower[0] = 0.93 * worst[0]
+    held = follow_manipulability(replace(problem, torque=lower))
+    assert isinstance(held, PathMotion)
+    assert np.abs(torques(held)).max(axis=0)[0] <= lower[0]
+    for k in range(0, problem.instants, 9):
+        reached = problem.body.tools(held.position[k])[1]
+        np.testing.assert_allclose(reached, problem.p[k], atol=1e-8)

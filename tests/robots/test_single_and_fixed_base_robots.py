@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 
 import numpy as np
@@ -121,3 +122,42 @@ def test_openarm_arms_weigh_what_the_maker_says(pin_model: Callable[[str], pin.M
     masses = [inertia.mass for inertia in model.inertias]
     assert masses[1:] == pytest.approx([1.142, 0.278, 1.074, 0.560, 0.551, 0.385, 0.386] * 2)
     assert masses[0] == pytest.approx(13.89)
+
+
+@pytest.mark.parametrize(("name", "total"), [("iiwa14", 29.9), ("iiwa7", 23.9)])
+def test_iiwa_weighs_what_the_maker_says(
+    name: str, total: float, urdf_tree: Callable[[str], ET.Element]
+) -> None:
+    """KUKA's data sheets give the weight of the whole arm, base included; links are not published."""
+    masses = [float(mass.attrib["value"]) for mass in urdf_tree(name).iter("mass")]
+    assert len(masses) == 8
+    assert sum(masses) == pytest.approx(total, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["iiwa14", "iiwa7"])
+def test_iiwa_centres_of_mass_are_within_the_links(
+    name: str, pin_model: Callable[[str], pin.Model]
+) -> None:
+    """At zero each link's centre is above its joint and below the next one, at most 40 mm off the arm's axis."""
+    model = pin_model(name)
+    data = model.createData()
+    pin.forwardKinematics(model, data, np.zeros(7))
+    heights = [data.oMi[k].translation[2] for k in range(1, 8)] + [IIWA_HEIGHT[name]]
+    for k in range(1, 8):
+        centre = data.oMi[k].act(model.inertias[k].lever)
+        assert heights[k - 1] < centre[2] < heights[k]
+        assert np.hypot(*centre[:2]) < 0.04
+
+
+def test_openarm_inertias_are_mirrored_but_for_link_4(
+    pin_model: Callable[[str], pin.Model],
+) -> None:
+    """The left arm's links are the right arm's reflected in y; link 4 is the same part on both arms."""
+    model = pin_model("openarm")
+    for k in range(1, 8):
+        left, right = (
+            model.inertias[model.getJointId(f"{side}_{k}")] for side in ("left", "right")
+        )
+        mirror = np.diag([1.0, 1.0 if k == 4 else -1.0, 1.0])
+        np.testing.assert_allclose(left.lever, mirror @ right.lever, atol=1e-15)
+        np.testing.assert_allclose(left.inertia, mirror @ right.inertia @ mirror, atol=1e-15)
