@@ -63,8 +63,7 @@ def choose_stages_with(
     plans: dict[str, list[StagePlan]] = {name: [] for name in platforms}
     failures: dict[str, InfeasibleError] = {}
     for k, work in enumerate(job.stages()[:count]):
-        keep = None if problem.holding is None else StageCollisionTest(model, problem.holding, k)
-        stage = OpenStage(model, clock, work, refine, keep, problem.redundancy)
+        stage = OpenStage(model, clock, work, refine, _test_of(problem, k), problem.redundancy)
         positions = {
             name: np.array(stages[-1].end) if stages else home
             for name, stages in plans.items()
@@ -87,11 +86,17 @@ def choose_stages_with(
     return {name: failures.get(name, plans[name]) for name in platforms}
 
 
+def _test_of(problem: MethodProblem, stage: int) -> StageCollisionTest | None:
+    """Return the collision test of a stage, or None where collisions are not checked."""
+    holding = problem.holding
+    return None if holding is None else StageCollisionTest(problem.model, holding, stage)
+
+
 def check_stages(problem: MethodProblem, stages: Sequence[int]) -> None:
     """Refuse stages that cannot be made even by themselves.
 
     Args:
-        problem: the job and its redundancy solver.
+        problem: the job, its redundancy solver, and what has to be collision-free.
         stages: their numbers.
 
     Raises:
@@ -100,7 +105,9 @@ def check_stages(problem: MethodProblem, stages: Sequence[int]) -> None:
     clock, work = Clock.of(problem.model, problem.job), problem.job.stages()
     position, refusals = np.array(problem.job.start_joints), list[Refusal]()
     for k in stages:
-        stage = OpenStage(problem.model, clock, work[k], False, None, problem.redundancy)
+        stage = OpenStage(
+            problem.model, clock, work[k], False, _test_of(problem, k), problem.redundancy
+        )
         [plan] = choose_stage(stage, {FIXED: position}).values()
         if isinstance(plan, InfeasibleError):
             refusals += plan.refusals

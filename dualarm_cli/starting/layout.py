@@ -5,7 +5,7 @@ Targets are within reach, and the arms do not collide. The table is clear of the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -122,12 +122,13 @@ class _Reach:
     """Joint positions with the tool retracted [rad], shape (m, n)."""
 
 
-def find_layout(bare: Cell, name: str) -> Layout:
+def find_layout(bare: Cell, name: str, accepted: Callable[[Layout], bool]) -> Layout:
     """Place table, trays and boxes for a robot.
 
     Args:
         bare: the placed robot; tools are proposed.
         name: of the robot, for messages.
+        accepted: test of a layout; the first one that passes is returned.
 
     Raises:
         InfeasibleError: the arms do not reach a table with tools down, or find no room on it.
@@ -146,7 +147,7 @@ def find_layout(bare: Cell, name: str) -> Layout:
         for table in _tables(cell, here, heights - lift, reach, arms_at_home):
             room = True
             layout = _on_table(cell, tools, here, table, lift)
-            if layout is not None:
+            if layout is not None and accepted(layout):
                 return layout
     key = "no_room_on_table" if room else "no_room_for_table"
     count, mm = LAYOUT.picks // len(tools), 1e3 * here.step

@@ -5,16 +5,22 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
-from dualarm_cli.errors import OutputError
+from dualarm_cli.errors import InfeasibleError, OutputError
 from dualarm_cli.exporting.whole_files import write_file
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.notes import Note
+from dualarm_cli.planning.planned_job import resolve
+from dualarm_cli.postures.holding import Holding
 from dualarm_cli.robot_import.proposed_tool import ProposedTool
 from dualarm_cli.schemas import editor_line, schema_text
+from dualarm_cli.stages.stage_by_stage import check_stages
 from dualarm_cli.starting.layout import LAYOUT, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource
 
@@ -99,10 +105,14 @@ def start_project(folder: Path, source: RobotSource) -> tuple[list[str], list[No
             # File references in the robot's folder may lead up to the project folder.
             project = Path(hidden) / "project"
             _write(project, {**source.files, "cell.yaml": _bare_cell(source).encode()})
-            layout = find_layout(load_cell(project / "cell.yaml").cell, source.name)
+
+            def is_planned(layout: Layout) -> bool:
+                """Write the files of a layout, and check its job as the planner does."""
+                _write(project, _files(source, layout))
+                return _has_postures(load_job(project / LAST))
+
+            layout = find_layout(load_cell(project / "cell.yaml").cell, source.name, is_planned)
             files = {**source.files, **_files(source, layout)}
-            _write(project, files)
-            load_job(project / LAST)
             load_study(project / "study.yaml")
             if folder.is_dir():
                 names = sorted(
@@ -116,6 +126,19 @@ def start_project(folder: Path, source: RobotSource) -> tuple[list[str], list[No
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
     return list(files), [tool.note for tool in layout.tools.values()]
+
+
+def _has_postures(job: Job) -> bool:
+    """Check that the planner does not refuse a job, and finds its first and last lines.
+
+    They are at the outermost targets; all stages would take seconds for arms without closed forms.
+    """
+    try:
+        problem = resolve(job, PlanSettings()).problem
+        check_stages(replace(problem, holding=Holding.of(job)), (0, len(job.stages()) - 1))
+    except InfeasibleError:
+        return False
+    return True
 
 
 def _write(folder: Path, files: Mapping[str, bytes]) -> None:

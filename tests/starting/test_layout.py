@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dualarm_cli.cli.run import run
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.refusals import Refusal
+from dualarm_cli.stages.method import MethodProblem
 
 OFFSETS = (
     (0.0, 0.0, 0.1),
@@ -93,6 +97,34 @@ def test_a_hand_beyond_its_tool_centre_point_stays_above_the_table() -> None:
     for task in job.tasks:
         for stop in task.stops:
             assert stop.target.pose.translation[2] - top > 0.06
+
+
+@pytest.mark.parametrize("refused", [1, 99])
+def test_targets_that_the_planner_refuses_are_not_written(
+    refused: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The planner refuses the stages of the first table, or of all: the next one is taken, or nothing is written."""
+    assert run(["init", "first", "--robot", write_arm()]) == 0
+    capsys.readouterr()
+    calls = []
+
+    def refuse(problem: MethodProblem, stages: Sequence[int]) -> None:
+        calls.append(problem.job.cell.obstacles[0].shape.pose.translation)
+        if len(calls) <= refused:
+            raise InfeasibleError(Refusal("no_plan_on_grid"))
+
+    monkeypatch.setattr("dualarm_cli.starting.project.check_stages", refuse)
+    code = run(["init", "next", "--robot", "arm.urdf"])
+    if refused == 99:
+        assert (code, Path("next").exists()) == (3, False)
+        return
+    assert code == 0
+    first, second = (
+        load_cell(Path(name) / "cell.yaml").cell.obstacles[0].shape for name in ("first", "next")
+    )
+    assert np.allclose(first.pose.translation, calls[0])
+    assert np.allclose(second.pose.translation, calls[1])
+    assert not np.allclose(first.pose.translation, second.pose.translation)
 
 
 def test_a_wrist_that_does_not_face_the_front_gets_a_table() -> None:
