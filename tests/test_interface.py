@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import inspect
 import json
+import pickle
 import re
 import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
+from html import escape
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, get_args, get_origin, get_type_hints, is_typeddict
@@ -429,6 +431,24 @@ def test_solvers_are_compared_as_by_the_command(found: Plan) -> None:
     printed = CliRunner().invoke(command_line(), [*arguments, *methods]).stdout
     mine, others = (d["comparisons"][0]["rows"] for d in (document, json.loads(printed)))
     assert [row["cycle_time"] for row in mine] == [row["cycle_time"] for row in others]
+    lines = str(document).splitlines()
+    assert lines[-1] == document["comparisons"][0]["sentence"]
+    for row in mine:
+        assert any({row["method"], f"{row['cycle_time']:.3f}"} <= {*line.split()} for line in lines)
+    assert f"<pre>{escape(str(document))}</pre>" == document._repr_html_()  # type: ignore[attr-defined]
+
+
+def test_a_comparison_prints_as_by_the_command(found: Plan, tmp_path: Path) -> None:
+    """The same words; it stays a dict that is JSON-ready and can be copied."""
+    slow = plan(load("01_first_pick", {"tasks:/speed": 0.5}), effort="quick")
+    folders = [
+        str(one.write(tmp_path / name, page=False)) for name, one in (("a", found), ("b", slow))
+    ]
+    document = compare(folders[0], folders[1], (folders[0], folders[1]))
+    printed = CliRunner().invoke(command_line(), ["compare", "schedules", *folders]).stdout
+    assert str(document).split() == printed.split()
+    assert str(pickle.loads(pickle.dumps(document))) == str(document)
+    assert json.loads(json.dumps(document)) == document
 
 
 @pytest.mark.parametrize(

@@ -135,7 +135,9 @@ def solvers_command(
         sentences = (section["sentence"] for section in document["comparisons"])
         print_lines(stdout_console(), *sentences)
     else:
-        _print(document)
+        from dualarm_cli.report.comparison.comparison_table import print_solvers
+
+        print_solvers(stdout_console(), document)
     if code := _exit_code(document):
         raise typer.Exit(code)
 
@@ -266,21 +268,6 @@ def _write(
     say(f"written: {out}")
 
 
-def _print(document: Mapping[str, Any]) -> None:
-    from dualarm_cli.kinds import of_kinds
-    from dualarm_cli.report.comparison.comparison_table import comparison_table, reason_lines
-
-    console = stdout_console()
-    clock = document["wall_clock"]
-    for section in document["comparisons"]:
-        mine, clock = clock[: len(section["rows"])], clock[len(section["rows"]) :]
-        console.print(comparison_table(section, mine))
-        for kind in of_kinds("measures"):
-            if (table := kind.table(section)) is not None:
-                console.print(table)
-        print_lines(console, *reason_lines(section), section["sentence"])
-
-
 def _exit_code(document: Mapping[str, Any]) -> int:
     """Compute the exit code: 1 failed verification, 3 job without plan, 2 unsupported job."""
     sections = [{row["status"] for row in section["rows"]} for section in document["comparisons"]]
@@ -319,8 +306,8 @@ def schedules_command(
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.interface import compare
     from dualarm_cli.report.comparison.schedule_comparison_table import (
+        print_schedules,
         schedules_csv,
-        schedules_table,
     )
 
     if page:
@@ -340,11 +327,7 @@ def schedules_command(
     if json_output:
         print_json(document)
     else:
-        console = stdout_console()
-        if not document["identical"] and not quiet:
-            console.print(schedules_table(document))
-        notes = [] if quiet else [f"note: {note}" for note in document["notes"]]
-        print_lines(console, document["sentence"], *notes)
+        print_schedules(stdout_console(), document, quiet)
 
 
 def _page_of_both(

@@ -11,7 +11,7 @@ from numbers import Real
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, get_args
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast, get_args
 
 from dualarm_cli.background import BackgroundCall, run_both
 from dualarm_cli.bound.job_bound import job_bound
@@ -32,7 +32,7 @@ from dualarm_cli.planning import planner
 from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.records import ShownInNotebooks, dataclass
 from dualarm_cli.report.document import Report
-from dualarm_cli.report.printable import printable
+from dualarm_cli.report.printable import PrintedComparison, printable
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify as judged
 from dualarm_cli.verification.budget_checks import judge_budget
@@ -331,6 +331,8 @@ def compare(
 ) -> ScheduleComparison:
     """Compare two plans stage by stage, as `dualarm compare schedules --json` [s, rad, m].
 
+    `print` shows the table of the command.
+
     Args:
         before: schedule, plan, or path of a plan's folder or schedule file.
         after: the same kinds of values.
@@ -345,8 +347,8 @@ def compare(
 
     first, second = schedule_of(before, "before"), schedule_of(after, "after")
     document = compare_schedules(first, second, names)
-    result: ScheduleComparison = printable(document | {"sentence": schedules_sentence(document)})
-    return result
+    document["sentence"] = schedules_sentence(document)
+    return cast("ScheduleComparison", PrintedComparison(printable(document)))
 
 
 def schedule_of(
@@ -386,6 +388,8 @@ def compare_solvers(
 ) -> SolverComparison:
     """Compare methods on jobs, as `dualarm compare solvers --json` [SI units].
 
+    `print` shows the table of the command.
+
     Args:
         jobs: a job, or several by name.
         cases: cases by the jobs' names; None for all that apply.
@@ -424,10 +428,8 @@ def compare_solvers(
         section, timed = job_comparison(name, job, outcomes, least, bound.assumptions)
         sections.append(section)
         clock.extend(timed)
-    document: SolverComparison = printable(
-        comparison_document(sections, clock, {"effort": effort, "seed": seed})
-    )
-    return document
+    document = comparison_document(sections, clock, {"effort": effort, "seed": seed})
+    return cast("SolverComparison", PrintedComparison(printable(document)))
 
 
 def _budget_checks(schedule: Schedule, job: Job | None, result: Verification) -> Iterable[Check]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from html import escape
+from importlib import import_module
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -31,6 +34,25 @@ def printable(value: Any) -> Any:
     if isinstance(value, dict):
         return {printable(key): printable(entry) for key, entry in value.items()}
     return [printable(entry) for entry in value] if isinstance(value, list) else value
+
+
+class PrintedComparison(dict[str, Any]):
+    """Document of a comparison, JSON-ready, which prints as its tables."""
+
+    def __str__(self) -> str:
+        """Format as the command prints it."""
+        from rich.console import Console
+
+        # Tables are a room above: they are imported when one is printed.
+        name = "schedule_comparison_table" if "stages" in self else "comparison_table"
+        tables = import_module(f"dualarm_cli.report.comparison.{name}")
+        show = tables.print_schedules if "stages" in self else tables.print_solvers
+        text = StringIO()
+        show(Console(file=text, width=200, highlight=False, color_system=None), self)
+        return text.getvalue().rstrip("\n")
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
 
 
 def numbers(*headings: str, no_wrap: bool = False) -> list[Column]:

@@ -8,22 +8,36 @@ from collections.abc import Mapping
 from io import StringIO
 from typing import Any
 
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.report.comparison.comparison import (
     SOLVERS,
     row_namer,
     section_title,
     varied_solvers,
 )
-from dualarm_cli.report.printable import numbers
+from dualarm_cli.report.printable import numbers, print_lines
 
 COLOURS = {"verified": "green", "failed": "bold red", "infeasible": "yellow", "not served": "dim"}
 OPEN = "yellow"
 """Colour of a verified plan whose collisions are not fully checked."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters of spreadsheet formulas."""
+
+
+def print_solvers(console: Console, document: Mapping[str, Any]) -> None:
+    """Print the tables, reasons and result of all jobs."""
+    clock = document["wall_clock"]
+    for section in document["comparisons"]:
+        mine, clock = clock[: len(section["rows"])], clock[len(section["rows"]) :]
+        console.print(comparison_table(section, mine))
+        for kind in of_kinds("measures"):
+            if (table := kind.table(section)) is not None:
+                console.print(table)
+        print_lines(console, *reason_lines(section), section["sentence"])
 
 
 def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Table:

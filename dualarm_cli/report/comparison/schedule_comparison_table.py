@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
 from dualarm_cli.report.comparison.comparison_table import cell_text, csv_bytes
 from dualarm_cli.report.comparison.schedule_comparison import SAME
-from dualarm_cli.report.printable import numbers
+from dualarm_cli.report.printable import numbers, print_lines
 
 NAMED = 3
 """Number of causes in the sentence."""
@@ -21,6 +22,14 @@ CAUSES = {
     "timing": "timing",
     "time": "",
 }
+
+
+def print_schedules(console: Console, document: Mapping[str, Any], quiet: bool = False) -> None:
+    """Print the table of stages, the result and notes; only the result if `quiet`."""
+    if not document["identical"] and not quiet:
+        console.print(schedules_table(document))
+    notes = [] if quiet else [f"note: {note}" for note in document["notes"]]
+    print_lines(console, document["sentence"], *notes)
 
 
 def schedules_table(document: Mapping[str, Any]) -> Table:
