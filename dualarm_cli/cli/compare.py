@@ -109,7 +109,7 @@ def solvers_command(
 ) -> None:
     """Plan the same work by every method, and compare the plans.
 
-    The rows have cycle time, gap to the bound and planning time; the winner is named.
+    The rows have cycle time, share above the bound and planning time; the winner is named.
 
     --out writes comparison.json, comparison.csv and comparison.png. Wall-clock times are in the JSON's last member and
     the CSV's last column only. Exit code 1 if the verifier fails a plan, 3 if a job has no plan by any method.

@@ -150,7 +150,7 @@ def _table(rows: list[JointLoss], kind: str, sliding: frozenset[str]) -> Any:
     title = (
         f"largest deviation from the plan between samples, {kind} interpolation; shares of limits"
     )
-    figures = numbers("deviation", "at s", "velocity", "acceleration", "jerk")
+    figures = numbers("deviation", "at s", "velocity", "accel.", "jerk")
     table = Table("joint", *figures, "limits", title=title, title_justify="left")
     for row in rows:
         unit = "m" if row.joint in sliding else "rad"

@@ -42,6 +42,7 @@ from dualarm_cli.cli.parts.output import (
 )
 from dualarm_cli.cli.report import PAGE, OpenOption, show_page
 from dualarm_cli.errors import Diagnostic, InputError, UsageError
+from dualarm_cli.model.place import tasks_name
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.report.printable import print_lines
 
@@ -90,7 +91,8 @@ def plan_command(
         str | None,
         typer.Option(
             "--out",
-            help="Folder for the results; default ./<task file's name>-plan; - prints schedule.json only, on stdout.",
+            help="Folder for the results; default ./JOB-plan, JOB being the task file, or the folder of tasks.yaml; "
+            "- prints schedule.json only, on stdout.",
         ),
     ] = None,
     platform: PlatformOption = None,
@@ -142,7 +144,7 @@ def plan_command(
     if out == "":
         raise UsageError("--out '': name a folder, or leave the option out")
     refuse_two_documents(out, json_output)
-    folder = Path(out) if out else Path(f"{tasks.stem}-plan")
+    folder = Path(out) if out else Path(f"{_job_name(tasks)}-plan")
     if out != STDOUT:
         refuse_existing(folder, force)
     if plot is not None:
@@ -204,6 +206,11 @@ def plan_command(
         show_page(folder / PAGE)
     if not plan.verified or not plan.keeps_budget:
         raise typer.Exit(1)
+
+
+def _job_name(tasks: Path) -> str:
+    """Name a job before it is read, by its task file or the folder of `tasks.yaml`."""
+    return tasks_name([tasks.resolve().as_posix()]) or tasks.stem
 
 
 def figures_of(plot: Path, job: Job) -> dict[Path, Draw]:

@@ -17,6 +17,7 @@ from dualarm_cli.cli.parts.output import (
     JsonOption,
     ResultOnlyOption,
     print_json,
+    print_message,
     stdout_console,
 )
 from dualarm_cli.errors import UsageError
@@ -24,6 +25,7 @@ from dualarm_cli.report.printable import numbers, print_lines, printable
 
 if TYPE_CHECKING:
     from dualarm_cli.geometry.interpolation import Interpolation
+    from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.verification import Check, Verification
     from dualarm_cli.verification.recorded_motion import (
@@ -190,14 +192,14 @@ def verify_command(
         Path | None,
         typer.Option(
             "--tasks",
-            help="Task file of the schedule; its limits, targets and order are then checked.",
+            help="Task file of the schedule, for limits, targets and order; default: its original.",
         ),
     ] = None,
     clearance: Annotated[
         bool | None,
         typer.Option(
             "--clearance/--no-clearance",
-            help="Prove that the whole motion is collision-free; the default with --tasks.",
+            help="Prove that the whole motion is collision-free; the default with a task file.",
         ),
     ] = None,
     plan: Annotated[
@@ -256,17 +258,42 @@ def verify_command(
         _show(tracking.verification, json_output, quiet, details, tracking)
         return
     refuse_logged(schedule)
-    from dualarm_cli.interface import load, verify
+    from dualarm_cli.interface import verify
     from dualarm_cli.report.report import skew_sentence
 
-    if clearance and tasks is None:
-        raise UsageError(
-            "--clearance needs --tasks: obstacles, tools and clearances are in the cell file"
-        )
-    job = load(tasks) if tasks else None
+    job = _job_of(schedule, tasks, needed=bool(clearance), quiet=quiet)
     judged = verify(schedule, job, clearance=clearance is not False)
     skew = None if job is None else skew_sentence(judged, job)
     _show(judged, json_output, quiet, details, skew=skew)
+
+
+def _job_of(path: Path, tasks: Path | None, *, needed: bool, quiet: bool) -> Job | None:
+    """Load the job of a schedule; None if its task file is not found.
+
+    Args:
+        path: of the schedule.
+        tasks: its task file; None searches for the original.
+        needed: whether the schedule cannot be verified without it.
+        quiet: whether a missing task file is not reported.
+
+    Raises:
+        UsageError: the job is needed, and its task file is not found.
+    """
+    from dualarm_cli.cli.report import tasks_of
+    from dualarm_cli.exporting.schedule_reader import read_schedule
+    from dualarm_cli.interface import load
+
+    try:
+        file = tasks or tasks_of(read_schedule(path), path if path.is_dir() else path.parent)
+    except UsageError as error:
+        if needed:
+            raise UsageError(
+                f"--clearance needs obstacles, tools and clearances: {error}"
+            ) from None
+        if not quiet:
+            print_message(str(error))
+        return None
+    return load(file)
 
 
 def _show(

@@ -23,7 +23,7 @@ _COLUMNS = (
     ("baseline s", True),
     ("change", True),
     ("bound s", True),
-    ("gap", True),
+    ("above bound", True),
     ("clearance mm", True),
     ("verified", False),
     ("why", False),

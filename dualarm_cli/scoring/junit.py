@@ -65,7 +65,7 @@ def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
         return
     time, change, gap, clearance = figure_words(verdict)
     state = f"{words(verdict.state)}{exceptions(verdict.caveats)}"
-    figures = f"cycle time {time} s, change {change}, gap {gap}, clearance {clearance} mm: {state}"
+    figures = f"cycle time {time} s, change {change}, {gap} above bound, clearance {clearance} mm: {state}"
     ElementTree.SubElement(case, "system-out").text = xml_text(figures)
 
 

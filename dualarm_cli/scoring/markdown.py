@@ -103,7 +103,7 @@ def markdown_text(verdicts: Sequence[Verdict], max_regression: float, compared: 
     reasons = [line for verdict in failed[:MOST_ROWS] for line in reason_lines(verdict)] + caveats
     if reasons:
         lines += ["", *(f"- {_plain(line)}" for line in reasons)]
-    lines += ["", "| cell | cycle time s | change | gap | clearance mm | verdict |"]
+    lines += ["", "| cell | cycle time s | change | above bound | clearance mm | verdict |"]
     lines += ["| --- | ---: | ---: | ---: | ---: | --- |"]
     for verdict in shown:
         state = verdict_words(verdict)

@@ -19,7 +19,7 @@ _COLOURS = {"pass": "green", "improved": "bold green", "new": "yellow"}
 
 
 def figure_words(verdict: Verdict) -> tuple[str, str, str, str]:
-    """Format a case's cycle time, change, gap and least clearance."""
+    """Format a case's cycle time, change, share above the bound and least clearance."""
     plan, change = verdict.evaluation, verdict.change
     time, gap, clearance = (
         (None, None, None) if plan is None else (plan.cycle_time, plan.gap, plan.clearance)
@@ -96,7 +96,7 @@ def score_table(verdicts: Sequence[Verdict]) -> Table:
     from rich.markup import escape
     from rich.table import Column, Table
 
-    figures = numbers("cycle time s", "change", "gap", "clearance mm")
+    figures = numbers("cycle time s", "change", "above bound", "clearance mm")
     table = Table(Column("case", overflow="fold"), *figures, "verdict")
     for verdict in verdicts:
         colour = "yellow" if verdict.caveats else _COLOURS.get(verdict.state, "bold red")

@@ -9,11 +9,13 @@ from typing import get_args
 
 import pytest
 
-from dualarm_cli.cli.export import PlatformGroup
+from dualarm_cli.cli.export import PlatformGroup, _table
 from dualarm_cli.cli.parts.options import ReceiverInterpolation
+from dualarm_cli.cli.parts.output import stdout_console
 from dualarm_cli.cli.run import run
 from dualarm_cli.formats import FORMATS
 from dualarm_cli.formats.request import PlatformController
+from dualarm_cli.formats.sampling import JointLoss
 from dualarm_cli.geometry.interpolation import INTERPOLATIONS
 
 
@@ -142,3 +144,17 @@ def test_a_folder_without_a_name_is_refused(planned, capsys):
     """It would be the working directory."""
     assert run(["export", str(planned), "--to", "npz", "--out", ""]) == 2
     assert "name a folder" in capsys.readouterr().err
+
+
+def test_the_jerk_of_long_joint_names_is_shown_at_80_columns(monkeypatch, capsys):
+    """A UR's longest joint with a prefix has 24 characters."""
+    monkeypatch.setenv("COLUMNS", "80")
+    names = ("left_shoulder_lift_joint", "right_wrist_1_joint")
+    rows = [
+        JointLoss(name, 1.5e-6, 12.345, 0.9, 1.01 + k, 1.2 + k, 0.0) for k, name in enumerate(names)
+    ]
+    stdout_console().print(_table(rows, "quintic", frozenset()))
+    out = capsys.readouterr().out
+    assert "1.2000" in out
+    assert "2.2000" in out
+    assert max(map(len, out.splitlines())) <= 80

@@ -116,7 +116,7 @@ def test_an_unknown_redundancy_is_refused_with_all_known_names(seam, capsys, com
     assert "redundancy: there is no 'min_nrom', did you mean 'min_norm'?" in message
     for name in (*REDUNDANCY_SOLVERS.names, *PATH_SOLVERS.names):
         assert name in message
-    assert not (seam / "tasks-plan").exists()
+    assert not (seam / f"{seam.name}-plan").exists()
 
 
 def test_a_path_that_names_an_unknown_method_is_refused_at_its_place(seam, capsys):

@@ -17,6 +17,7 @@ import pytest
 
 from dualarm_cli.cli import plan as cli_plan
 from dualarm_cli.cli import run as run_module
+from dualarm_cli.cli.plan import _job_name
 from dualarm_cli.cli.run import run
 from dualarm_cli.planning import planner
 
@@ -109,8 +110,8 @@ def test_results_are_not_overwritten_unasked(planned, tasks_folder):
     assert hashes(out) == before
 
 
-def test_without_out_the_folder_is_named_after_the_task_file(tasks_folder, tmp_path):
-    """./tasks-plan in the working directory; --quiet prints a line: cycle time, verdict, folder."""
+def test_without_out_the_folder_is_named_after_the_job(tasks_folder, tmp_path):
+    """Of tasks.yaml its folder in the working directory; --quiet prints a line: cycle time, verdict, folder."""
     task = tasks_folder / "03_bottin_planar" / "tasks.yaml"
     result = dualarm(
         "plan",
@@ -122,11 +123,11 @@ def test_without_out_the_folder_is_named_after_the_task_file(tasks_folder, tmp_p
         env=os.environ | {"PYTHONPATH": str(Path.cwd())},
     )
     assert result.returncode == 0, result.stderr
-    report = json.loads((tmp_path / "tasks-plan" / "report.json").read_text())
+    report = json.loads((tmp_path / "03_bottin_planar-plan" / "report.json").read_text())
     caveat = ", not fully checked" * bool(report["verification"]["caveats"])
-    verdict = f"verification: passed{caveat}: tasks-plan"
+    verdict = f"verification: passed{caveat}: 03_bottin_planar-plan"
     assert result.stdout == f"{report['cycle_time']:.3f} s, {verdict}\n"
-    assert (tmp_path / "tasks-plan" / "schedule.json").exists()
+    assert (tmp_path / "03_bottin_planar-plan" / "schedule.json").exists()
 
 
 def test_a_plan_ends_with_at_most_sixty_words_and_opens_its_page(
@@ -147,7 +148,23 @@ def test_a_plan_ends_with_at_most_sixty_words_and_opens_its_page(
     assert len(lines) == 3
     assert len(" ".join(lines).split()) <= 60
     assert lines[-1].endswith(" notes: add -v")
-    assert opened == [(tmp_path / "tasks-plan" / "report.html").as_uri()]
+    assert opened == [(tmp_path / "05_two_robots-plan" / "report.html").as_uri()]
+
+
+@pytest.mark.parametrize(
+    ("tasks", "name"),
+    [
+        ("line/tasks.yaml", "line"),
+        ("line/two.yaml", "two"),
+        ("tasks.yaml", "cell"),
+        ("line/../tasks.yaml", "cell"),
+    ],
+)
+def test_two_jobs_have_two_folders(tasks, name, tmp_path, monkeypatch):
+    """By file; the jobs that everybody calls tasks.yaml by their folder."""
+    (tmp_path / "cell").mkdir()
+    monkeypatch.chdir(tmp_path / "cell")
+    assert _job_name(Path(tasks)) == name
 
 
 def test_plan_as_json_is_one_document(tasks_folder, tmp_path):

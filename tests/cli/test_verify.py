@@ -39,6 +39,11 @@ def edit(folder, change):
     file.write_text(json.dumps(document))
 
 
+def forget_tasks(document):
+    """Lets a schedule no longer say which task file it is of."""
+    document["provenance"]["inputs"].clear()
+
+
 def judged(capsys, *arguments):
     """Returns exit code and document of a judgement as JSON; stdout holds nothing else."""
     code = run(["verify", *map(str, arguments), "--json"])
@@ -55,7 +60,7 @@ def failures(document):
 def test_a_plan_passes_by_folder_and_by_file_with_and_without_its_tasks(
     planned, first_pick, capsys, name, with_tasks
 ):
-    """Exit 0 and a table on stdout; nothing on stderr."""
+    """The plan knows its task file. Exit 0 and a table on stdout; nothing on stderr."""
     arguments = ["verify", str(planned / name)] + ["--tasks", str(first_pick)] * with_tasks
     assert run(arguments) == 0
     short = capsys.readouterr().out
@@ -66,7 +71,7 @@ def test_a_plan_passes_by_folder_and_by_file_with_and_without_its_tasks(
     captured = capsys.readouterr()
     assert "verification: passed" in captured.out
     assert "tool_position_at_events" in captured.out
-    assert ("no task file was given (--tasks)" in captured.out) is not with_tasks
+    assert "least clearance of every stage, proven" in captured.out
     assert captured.err == ""
 
 
@@ -148,6 +153,8 @@ def test_stated_limits_are_not_believed_where_the_tasks_know_better(copied, firs
             row["velocity"] = 1e-6
 
     edit(copied, tighten)
+    assert set(failures(judged(capsys, copied)[1])) == {"robot"}
+    edit(copied, forget_tasks)
     code, document = judged(capsys, copied)
     assert (code, set(failures(document))) == (1, {"velocity"})
     code, document = judged(capsys, copied, "--tasks", first_pick)
@@ -252,7 +259,12 @@ def test_an_edited_or_lost_file_beside_the_schedule_is_noticed(copied, capsys, n
         (lambda f: edit(f, lambda d: d.update(duration=float("inf"))), "duration: must be"),
         (lambda f: edit(f, lambda d: d.pop("motion")), "motion: is missing"),
         (lambda f: edit(f, lambda d: d["robot"].update(urdf="../x")), "own folder"),
-        (lambda f: edit(f, lambda d: d["robot"]["arms"]["left"].update(flange="x")), "flange"),
+        (
+            lambda f: edit(
+                f, lambda d: (forget_tasks(d), d["robot"]["arms"]["left"].update(flange="x"))
+            ),
+            "flange",
+        ),
     ],
     ids=["text", "lost", "urdf", "empty", "infinite", "motion", "outside", "flange"],
 )
@@ -300,7 +312,7 @@ def test_names_that_steer_a_terminal_or_are_no_text_are_spelt_out(copied, capsys
     assert shown in out
 
 
-def test_clearance_is_proven_where_the_cell_is_known(planned, first_pick, capsys):
+def test_clearance_is_proven_where_the_cell_is_known(planned, copied, first_pick, capsys):
     """A row per stage in the table and in the document; not where it is not wanted, and not without the task file."""
     assert run(["verify", str(planned), "--tasks", str(first_pick), "--details"]) == 0
     out = capsys.readouterr().out
@@ -314,8 +326,14 @@ def test_clearance_is_proven_where_the_cell_is_known(planned, first_pick, capsys
     code, document = judged(capsys, planned, "--tasks", first_pick, "--no-clearance")
     assert code == 0
     assert document["clearances"] == []
-    assert run(["verify", str(planned), "--clearance"]) == 2
-    assert "--clearance needs --tasks" in capsys.readouterr().err
+    edit(copied, forget_tasks)
+    assert run(["verify", str(copied), "--clearance"]) == 2
+    assert "--clearance needs obstacles, tools and clearances" in capsys.readouterr().err
+    assert run(["verify", str(copied)]) == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith("the task file of the plan is not found")
+    assert "name it with --tasks" in captured.err
+    assert "except that collisions were not checked" in captured.out
 
 
 def test_a_budget_is_a_check_of_its_own_in_verify_and_in_plan(

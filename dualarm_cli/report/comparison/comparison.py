@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.verification import exceptions
 from dualarm_cli.orders.model.tool_changes import with_changes
 from dualarm_cli.report.measures import (
     DWELLS,
     LINES,
-    NO_TRANSFERS,
     WORK,
     Bottlenecks,
     bottlenecks,
@@ -75,7 +73,6 @@ def job_comparison(
     order = sorted(range(len(rows)), key=lambda k: _rank(rows[k], best))
     rows, clock = [rows[k] for k in order], [clock[k] for k in order]
     good = [row for row in rows if row["status"] == "verified"]
-    caveats = list(dict.fromkeys(caveat for row in good for caveat in row["caveats"]))
     section = {
         "tasks": name,
         "robot": job.cell.robot.name,
@@ -87,7 +84,7 @@ def job_comparison(
         "lower_bound_assumptions": list(assumptions),
         "rows": rows,
         "winner": {key: good[0][key] for key in SOLVERS} if good else None,
-        "sentence": winner_sentence(rows) + (f"; verified{exceptions(caveats)}" if caveats else ""),
+        "sentence": winner_sentence(rows),
     }
     return section, clock
 
@@ -164,7 +161,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
 
 
 def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
-    """Compose one sentence on the fastest plan, its lead and its bottlenecks.
+    """Compose one or two sentences on the fastest plan, its lead and its bottlenecks.
 
     Args:
         rows: of one task file, best first.
@@ -176,21 +173,21 @@ def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
     called = row_namer(rows)
     equal = [called(row) for row in good if row["cycle_time"] - time <= SHOWN]
     slower = [row for row in good if row["cycle_time"] - time > SHOWN]
-    if len(equal) > 1:
-        text = f"{_listed(equal)} are equally fast with {time:.3f} s"
-    else:
-        text = f"{equal[0]} is the fastest with {time:.3f} s"
+    text = f"{_listed(equal)} {'are equally fast' if len(equal) > 1 else 'is the fastest'} with {time:.3f} s"
+    text += ", not fully checked" if winner["caveats"] else ""
     reference = _reference(winner, good)
     against = [row for row in (slower[0] if slower else None, reference) if row is not None]
     against = [row for k, row in enumerate(against) if row not in against[:k]]
     against = [row for row in against if row in slower]
+    reasons = [_deciders(winner)]
     if against:
         text += ": " + " and ".join(
             f"{share_text(1.0 - time / row['cycle_time'])} less than {called(row)}"
             for row in against
         )
-        text += _why_faster(winner, against[-1], called(against[-1]))
-    return text + _deciders(winner)
+        reasons.insert(0, _why_faster(winner, against[-1], called(against[-1])))
+    because = "; ".join(filter(None, reasons))
+    return f"{text}. {because[0].upper()}{because[1:]}" if because else text
 
 
 def _reference(winner: dict[str, Any], good: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
@@ -219,7 +216,7 @@ def share_text(value: float) -> str:
 
 
 def _why_faster(winner: dict[str, Any], reference: dict[str, Any], name: str) -> str:
-    """Compose the kinds of time that the winner saves."""
+    """Compose the two kinds of time of which the winner saves most."""
     mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, reference))
     pairs = [("transfers", mine.transfers, theirs.transfers)]
     pairs += [
@@ -228,32 +225,19 @@ def _why_faster(winner: dict[str, Any], reference: dict[str, Any], name: str) ->
     ]
     saved = [pair for pair in pairs if pair[2] - pair[1] > LEAST_SAVING]
     saved.sort(key=lambda pair: pair[1] - pair[2])
-    texts = [f"{what} decide {a:.2f} s of it ({name}: {b:.2f} s)" for what, a, b in saved]
-    return f", as {' and '.join(texts)}" if texts else ""
+    texts = [f"{what} {a:.2f} s ({name}: {b:.2f} s)" for what, a, b in saved[:2]]
+    return " and ".join(texts).replace(" ", " take ", 1)
 
 
 def _deciders(row: dict[str, Any]) -> str:
-    """Compose the bottlenecks of a plan's stages, and its time shares."""
-    counts = [
-        f"the {group_name(group)} {'' if k else 'decides '}{count}"
-        for k, (group, count) in enumerate(row["deciding_stages"].items())
-    ]
-    whole = sum(row["deciding_time"].values())
-    if whole <= 0.0:
+    """Compose the joint group that decides most transfers of a plan."""
+    counts = row["deciding_stages"]
+    total = sum(counts.values())
+    if sum(row["deciding_time"].values()) <= 0.0 or not total:
         return ""
-    shares = [
-        f"{name} {time / whole:.0%}"
-        for name, time in (
-            ("transfers", Bottlenecks({}, row["deciding_time"]).transfers),
-            *((name, row["deciding_time"].get(name, 0.0)) for name in NO_TRANSFERS),
-        )
-        if time > 0.0
-    ]
-    total = sum(row["deciding_stages"].values())
-    stages = f"; of its {total} transfers {_listed(counts)}" if counts else ""
-    if total == 1:
-        stages = f"; the {group_name(next(iter(row['deciding_stages'])))} decides its only transfer"
-    return f"{stages}; its time is {', '.join(shares)}"
+    group, count = max(counts.items(), key=lambda item: item[1])
+    which = "its only transfer" if total == 1 else f"{count} of {total} transfers"
+    return f"the {group_name(group)} decides {which}"
 
 
 def group_name(group: str) -> str:

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from dualarm_cli.kinds import of_kinds
+from dualarm_cli.model.verification import exceptions
 from dualarm_cli.report.comparison.comparison import (
     SOLVERS,
     row_namer,
@@ -79,7 +80,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
 
 
 def reason_lines(section: dict[str, Any]) -> list[str]:
-    """List the reasons of missing verified plans, grouped by reason.
+    """List the reasons of missing verified plans, grouped by reason, and the caveats.
 
     Args:
         section: one member of the document's `comparisons`.
@@ -89,7 +90,10 @@ def reason_lines(section: dict[str, Any]) -> list[str]:
     for row in section["rows"]:
         if row["reason"]:
             grouped.setdefault((row["status"], row["reason"]), []).append(called(row))
-    return [f"{', '.join(names)}: {status}: {why}" for (status, why), names in grouped.items()]
+    lines = [f"{', '.join(names)}: {status}: {why}" for (status, why), names in grouped.items()]
+    good = [row for row in section["rows"] if row["status"] == "verified"]
+    caveats = dict.fromkeys(caveat for row in good for caveat in row["caveats"])
+    return [*lines, *(f"plans verified{exceptions([caveat])}" for caveat in caveats)]
 
 
 def comparison_csv(document: Mapping[str, Any]) -> bytes:
