@@ -28,7 +28,10 @@ _PAGE = """<!doctype html>
 <style>{css}</style>
 </head>
 <body>
-<div id="page"></div>
+<div id="page">
+<p class="missing">The program of this page has not started.
+If this text stays, write the page again: dualarm report PLAN</p>
+</div>
 <noscript>This page shows a plan in motion and needs JavaScript.</noscript>
 <script type="application/json" id="data">{data}</script>
 <script>{js}</script>

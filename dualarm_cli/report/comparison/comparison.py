@@ -216,7 +216,7 @@ def share_text(value: float) -> str:
 
 
 def _why_faster(winner: dict[str, Any], reference: dict[str, Any], name: str) -> str:
-    """Compose the two kinds of time of which the winner saves most."""
+    """Compose the two kinds of time with the largest savings."""
     mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, reference))
     pairs = [("transfers", mine.transfers, theirs.transfers)]
     pairs += [

@@ -58,6 +58,17 @@ export function readPlan(text) {
 }
 
 /**
+ * Say that the data of a page do not fit its program, and what to do.
+ * @param {string} text the data
+ * @param {unknown} error
+ */
+export function unfit(text, error) {
+  const version = /"version":"([^"]*)"/.exec(text)?.[1];
+  const made = version ? ` by dualarm ${version}` : "";
+  return `This page cannot be shown: its data were written${made} and do not fit its program (${error instanceof Error ? error.message : error}). Write it again: dualarm report PLAN`;
+}
+
+/**
  * Return the names of the arms in the order of the page.
  * @param {Plan} plan
  * @returns {string[]}

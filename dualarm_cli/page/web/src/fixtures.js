@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import { block, drum, ribbon } from "./outlines.js";
-import { IDENTITY, WORLD, compose, forwardKinematics, inverse } from "./poses.js";
+import { IDENTITY, WORLD, compose, forwardKinematics, inverse, rotate } from "./poses.js";
 import { geometryOf, place } from "./shapes.js";
 import { positionsAt } from "./trajectory.js";
 
@@ -23,6 +23,9 @@ const BESIDE = 0.12;
 const BOARD = 0.15;
 const THICK = 0.12;
 const RAISED = 0.25;
+/** Cosine of the tilt up to which a base counts as standing or hanging; length of the column of a hanging base [m]. */
+const VERTICAL = 0.97;
+const HANGER = 0.18;
 
 /**
  * Compute the bounds of parts in a frame.
@@ -89,9 +92,10 @@ export class Fixtures {
       const mesh = new THREE.Mesh(geometryOf(solid, plan.hulls));
       place(mesh, compose(root, solid));
       mesh.updateMatrixWorld(true);
-      return new THREE.Box3().setFromObject(mesh, true);
+      return { mesh, box: new THREE.Box3().setFromObject(mesh, true), up: new THREE.Vector3(0, 0, 1) };
     });
-    const lowest = [...this.obstacles.map(({ box }) => box.min.z), ...this.feet.map((box) => box.min.z)];
+    orient(this.feet, plan);
+    const lowest = [...this.obstacles.map(({ box }) => box.min.z), ...this.feet.map(({ box }) => box.min.z)];
     /** Height of the floor [m]: the lowest body, but not above zero. */
     this.floor = Math.min(0, ...lowest);
     for (const load of loads(plan)) this.drawTray(load);
@@ -170,16 +174,79 @@ export class Fixtures {
     this.group.add(legs);
   }
 
-  /** Draw a foot plate below each part of the robot that stands, and a column down to the floor. */
+  /** Draw a foot plate and a column below each base that stands, a mount above those that hang, a plate behind tilted ones. */
   drawFeet() {
-    for (const box of this.feet) {
+    const hanging = [];
+    for (const { mesh, box, up } of this.feet) {
       const size = box.getSize(new THREE.Vector3());
       const centre = box.getCenter(new THREE.Vector3());
-      if (this.feet.some((foot) => foot !== box && foot.min.z < box.min.z - 0.01 && foot.containsPoint(centre.clone().setZ(foot.min.z)))) continue;
+      if (up.z < VERTICAL) {
+        this.drawBack(mesh, centre, up);
+        if (up.z < -VERTICAL) hanging.push({ centre, top: box.max.z, wide: 0.6 * Math.min(size.x, size.y) });
+        continue;
+      }
+      if (this.feet.some((foot) => foot.box !== box && foot.box.min.z < box.min.z - 0.01 && foot.box.containsPoint(centre.clone().setZ(foot.box.min.z)))) continue;
       const height = box.min.z - this.floor;
       if (height > 0.01) this.add(block(0.8 * size.x, 0.8 * size.y, height, 0.01), "frame", "pedestal", [centre.x, centre.y, this.floor + height / 2]);
       this.add(block(1.3 * size.x, 1.3 * size.y, 0.014, 0.005), "frame", "foot plate", [centre.x, centre.y, this.floor + 0.007]);
     }
+    if (hanging.length === 0) return;
+    const beam = Math.max(...hanging.map(({ top }) => top)) + HANGER;
+    const across = new THREE.Box3();
+    for (const { centre, top, wide } of hanging) {
+      this.add(block(wide, wide, beam - top, 0.01), "frame", "mount from above", [centre.x, centre.y, (beam + top) / 2]);
+      across.expandByPoint(new THREE.Vector3(centre.x - wide, centre.y - wide, beam)).expandByPoint(new THREE.Vector3(centre.x + wide, centre.y + wide, beam));
+    }
+    const size = across.getSize(new THREE.Vector3());
+    const { x, y } = across.getCenter(new THREE.Vector3());
+    this.add(block(size.x, size.y, 0.06, 0.01), "frame", "beam above", [x, y, beam + 0.03]);
+  }
+
+  /**
+   * Draw the plate behind a base that hangs or is tilted; it leads nowhere, because the file does not say to what.
+   * @param {THREE.Mesh} mesh
+   * @param {THREE.Vector3} centre
+   * @param {THREE.Vector3} up direction from the plate into the arm
+   */
+  drawBack(mesh, centre, up) {
+    const points = mesh.geometry.getAttribute("position");
+    const corner = new THREE.Vector3();
+    let [back, wide] = [0, 0];
+    for (let i = 0; i < points.count; i++) {
+      corner.fromBufferAttribute(points, i).applyMatrix4(mesh.matrixWorld).sub(centre);
+      const height = corner.dot(up);
+      back = Math.min(back, height);
+      wide = Math.max(wide, corner.addScaledVector(up, -height).length());
+    }
+    const plate = new THREE.Group();
+    plate.position.copy(centre).addScaledVector(up, back - 0.007);
+    plate.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), up);
+    this.add(block(2 * wide, 2 * wide, 0.014, 0.005), "frame", "mounting plate", [0, 0, 0], plate);
+    this.group.add(plate);
+  }
+}
+
+/**
+ * Find which way bases face: along the axis of their first joint. A base of several joints, as a torso, stands.
+ * @param {{box: THREE.Box3, up: THREE.Vector3}[]} feet their directions are changed
+ * @param {Plan} plan
+ */
+function orient(feet, plan) {
+  const first = plan.bodies.filter(({ parent, slides }) => parent === 0 && !slides);
+  const joints = first.map((body) => {
+    const pose = compose(plan.bodies[0], body);
+    const at = new THREE.Vector3(...pose.xyz);
+    const distances = feet.map(({ box }) => box.getCenter(new THREE.Vector3()).distanceTo(at));
+    return { at, axis: new THREE.Vector3(...rotate(pose.quat, body.axis)), foot: feet[distances.indexOf(Math.min(...distances))] };
+  });
+  for (const foot of feet) {
+    const carried = joints.filter((joint) => joint.foot === foot);
+    if (carried.length !== 1) continue;
+    const [{ at, axis }] = carried;
+    const towards = at.sub(foot.box.getCenter(new THREE.Vector3()));
+    const along = towards.dot(axis);
+    // The axis of a shoulder that lies across its base says nothing about the mount.
+    if (Math.abs(along) > 0.7 * towards.length() && towards.length() > 0.02) foot.up.copy(axis).multiplyScalar(Math.sign(along));
   }
 }
 

@@ -155,7 +155,7 @@ export class Gantt {
       g.fillStyle = colour("muted");
       const text = time.toFixed(decimals);
       const half = g.measureText(text).width / 2;
-      g.fillText(text, Math.max(x, GUTTER + half + 1), 0.45 * RULER);
+      g.fillText(text, Math.min(Math.max(x, GUTTER + half + 1), this.width - MARGIN - half), 0.45 * RULER);
       g.strokeStyle = colour("grid");
       g.beginPath();
       g.moveTo(x, RULER - 4);

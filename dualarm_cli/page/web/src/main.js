@@ -5,11 +5,11 @@ import "./page.css";
 import { Clock, TimeWindow } from "./clock.js";
 import { colour, themes } from "./colours.js";
 import { clearanceAt, clearanceColour } from "./clearance.js";
-import { readPlan } from "./data.js";
+import { readPlan, unfit } from "./data.js";
 import { button, element, toggle } from "./dom.js";
 import { helpOverlay, listenToKeys } from "./keyboard.js";
 import { Layout } from "./layout.js";
-import { assumed, verdict } from "./panels.js";
+import { assumed, limiting, verdict } from "./panels.js";
 import { begin, largePlayButton } from "./playing.js";
 import { compose, forwardKinematics } from "./poses.js";
 import { ReportView } from "./report_view.js";
@@ -194,12 +194,18 @@ function header(plan, reportButton, changeTheme, help) {
       element("span", { class: "robot" }, plan.robot),
       element("span", { class: "cycle" }, seconds(report.cycle_time), report.closes ? " cycle" : ""),
       hourly && element("span", { class: "hourly" }, hourly),
-      element("span", { class: `verdict ${mark}` }, text),
-      assumed(report) && element("span", { class: "reservation" }, assumed(report)),
+      limiting(plan) && element("span", { class: "limiting" }, limiting(plan)),
+      unfolding(`verdict ${mark}`, text),
+      assumed(report) && unfolding("reservation", assumed(report)),
     ),
     element("span", { class: "version" }, `dualarm ${plan.version}`),
     element("span", { class: "buttons" }, reportButton, button("◐", "Dark or light (d)", changeTheme), button("?", "Keys and pointer (?)", help)),
   );
+}
+
+/** Create a text that phones cut to a line, until it is tapped. @param {string} name class @param {string} text */
+function unfolding(name, text) {
+  return element("span", { class: name, title: text, onclick: (/** @type {Event} */ event) => /** @type {Element} */ (event.currentTarget).classList.toggle("whole") }, text);
 }
 
 /**
@@ -293,7 +299,7 @@ if (root) {
   try {
     start(root);
   } catch (error) {
-    root.replaceChildren(element("p", { class: "missing" }, `This page cannot be shown: ${error instanceof Error ? error.message : error}`));
+    root.replaceChildren(element("p", { class: "missing" }, unfit(document.getElementById("data")?.textContent ?? "", error)));
     throw error;
   }
 }

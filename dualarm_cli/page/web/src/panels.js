@@ -265,7 +265,30 @@ export function limits(plan, go) {
     const heads = ["joint", "limit", "10 % lower [s] #", "10 % higher [s] #"];
     blocks.push(block("Cycle time with other limits", paragraph("With the same postures; a new plan may be faster."), table(heads, rows, go)));
   }
+  const slower = slowed(report);
+  if (slower) blocks.push(block("Cycle time with other limits", paragraph(slower)));
   return blocks;
+}
+
+/**
+ * Return the sentence on assumed limits 10 % lower of asynchronous arms; empty where it does not apply.
+ * @param {any} report
+ */
+export function slowed(report) {
+  const isGiven = report.sensitivity?.length || report.conveyors?.length;
+  if (report.mode !== "free" || !report.assumed_limits?.length || isGiven || !(report.cycle_time > 0)) return "";
+  // Accelerations fall by the square, jerks by the cube.
+  const longer = 1 / Math.sqrt(0.9);
+  return `None for single joints of asynchronous arms. With all assumed limits 10 % lower the same motion, slowed, takes ${seconds(report.cycle_time * longer)} (+${percent(longer - 1)}).`;
+}
+
+/**
+ * Return the joint that decides most stages, in words; empty without one.
+ * @param {Plan} plan
+ */
+export function limiting({ report, joints }) {
+  const [first] = Object.entries(report.bottlenecks ?? {}).sort((a, b) => Number(b[1]) - Number(a[1]));
+  return first ? `limited by ${jointLabel(joints, first[0])} in ${first[1]} of ${report.stages.length} stages` : "";
 }
 
 const VERDICTS = /** @type {Object<string, string>} */ ({ passed: "✓", failed: "✗", "not checked": "–" });

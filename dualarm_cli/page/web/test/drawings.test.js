@@ -138,3 +138,23 @@ test("a link with a visual mesh is drawn with it alone", () => {
   // Four faces with three corners each.
   assert.equal(drawn[0].mesh.geometry.getAttribute("position").count, 12);
 });
+
+const BASE = { role: "link", body: 0, kind: "cylinder", size: [0.07, 0.14], hull: null, name: "base" };
+/** A base in the air at 1.2 m whose arm begins 0.3 m along the base's z axis. @param {[number, number, number, number]} quat */
+const mounted = (quat) => {
+  const root = { ...upright(0, 0, 1.2), quat, parent: -1, joint: -1, axis: [0, 0, 1], slides: false, name: "root" };
+  const joint = { ...upright(0, 0, 0.3), parent: 0, joint: 0, axis: [0, 0, 1], slides: false, name: "joint" };
+  const solids = [{ ...BASE, ...upright(0, 0, 0.07) }];
+  const { group } = new Fixtures(cell({ frames: {}, objects: [], solids, bodies: [root, joint] }), new Materials(() => "#888888"));
+  return Object.fromEntries(group.children.flatMap((child) => [child, ...child.children]).filter(({ name }) => name).map((child) => [child.name.split(":")[0], child]));
+};
+
+test("bases stand on pedestals, hang from beams, and have nothing below them when tilted", () => {
+  const half = (/** @type {number} */ angle) => /** @type {[number, number, number, number]} */ ([Math.sin(angle / 2), 0, 0, Math.cos(angle / 2)]);
+  assert.deepEqual(Object.keys(mounted(half(0))).sort(), ["foot plate", "pedestal"]);
+  const hanging = mounted(half(Math.PI));
+  assert.deepEqual(Object.keys(hanging).sort(), ["beam above", "mount from above", "mounting plate"]);
+  // The base begins at 1.2 m: all that is drawn for it is above.
+  assert.ok(hanging["mount from above"].position.z > 1.2 && hanging["beam above"].position.z > hanging["mount from above"].position.z);
+  for (const angle of [(5 * Math.PI) / 6, Math.PI / 2]) assert.deepEqual(Object.keys(mounted(half(angle))), ["mounting plate"]);
+});
