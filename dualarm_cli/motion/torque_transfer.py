@@ -8,6 +8,7 @@ are in no hurry, and a transfer in which they are gentle needs less torque.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,8 @@ class TransferEnds:
     """Lowest positions of the present motion [rad or m], shape (n,)."""
     most: FloatArray
     """Highest positions of the present motion [rad or m], shape (n,)."""
+    beside: Callable[[FloatArray], State] | None = None
+    """Motion of all joints from the start on, at times (k,) [s]; None if all others stand."""
 
 
 class _Grid:
@@ -107,7 +110,7 @@ def transfer_within_torques(
     """Find the first transfer that keeps limits and torques; None without one.
 
     Args:
-        dynamics: of the robot with its loads; joints of the arm depend on no other moving joint.
+        dynamics: of the robot with its loads.
         columns: of the arm's joints.
         ends: states of all joints at both ends.
         limits: of all joints.
@@ -163,12 +166,12 @@ class _Program:
         return Trajectory(joints, self._knots.time, q, v, a)
 
     def _whole(self, grid: _Grid, jerk: FloatArray) -> State:
-        """Complete the motion of the arm by the other joints, which stand."""
-        arm = grid.motion(self._start, jerk)
-        whole = [
-            np.tile(self._ends.start[0], (len(arm[0]), 1)),
-            *np.zeros((2, len(arm[0]), len(self._ends.start[0]))),
-        ]
+        """Complete the motion of the arm by that of the other joints."""
+        arm, start = grid.motion(self._start, jerk), self._ends.start[0]
+        if self._ends.beside is None:
+            whole = [np.tile(start, (len(arm[0]), 1)), *np.zeros((2, len(arm[0]), len(start)))]
+        else:
+            whole = list(self._ends.beside(grid.time))
         for rate, values in zip(whole, arm, strict=True):
             rate[:, self._columns] = values
         return whole[0], whole[1], whole[2]

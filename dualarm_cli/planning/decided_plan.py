@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from dualarm_cli import __version__
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import clearance_notes
-from dualarm_cli.clearing.stage_samples import is_clear, stage_samples
+from dualarm_cli.clearing.torque_shapes import reshaped_within_torques
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import with_needs
@@ -20,12 +19,10 @@ from dualarm_cli.model.joint_motion import lean
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import within_torques
-from dualarm_cli.motion.torque_shapes import reshaped_within_torques
 from dualarm_cli.notes import Note
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.notes import dwell_note, platform_note
 from dualarm_cli.planning.planned_job import PlannedJob
-from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.plans.problem import Decisions
@@ -59,11 +56,8 @@ def decided_plan(
     quickest = next((kind.quickest for kind in work.kinds if kind.quickest), quickest_clear)
     solve, check = work.method.solve, work.check_collisions
     cleared = quickest(problem, solve, work.timing, watch.report, check_collisions=check)
-    stages, motion = cleared.cleared.plans, cleared.cleared.motion
-    reshaped: list[Note] = []
-    if work.limits_torques:
-        clear = partial(_is_clear, cleared.holding)
-        motion, reshaped = reshaped_within_torques(job, motion, clear)
+    stages = cleared.cleared.plans
+    motion, reshaped = reshaped_within_torques(problem, cleared.cleared.motion, cleared.holding)
     notes = (
         *job.notes,
         *work.replaced,
@@ -75,13 +69,6 @@ def decided_plan(
     schedule = schedule_of(work, job, motion, notes)
     schedule = replace(schedule, grid_gap=cleared.decided.grid_gap, clearance_cost=cleared.cost)
     return in_time(schedule, work.job)
-
-
-def _is_clear(holding: Holding | None, motion: Motion, stage: int) -> bool:
-    """Check the clearance of a stage of a motion; without checking it is clear."""
-    if holding is None:
-        return True
-    return is_clear(holding.cell, stage_samples(motion, stage, stage, holding))
 
 
 def schedule_of(work: PlannedJob, job: Job, motion: Motion, notes: tuple[str, ...]) -> Schedule:

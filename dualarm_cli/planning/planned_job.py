@@ -82,6 +82,7 @@ class PlannedJob:
             settings.effort,
             settings.seed,
             blending=self.blending,
+            limits_torques=self.limits_torques,
         )
 
     @property

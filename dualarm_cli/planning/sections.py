@@ -10,6 +10,7 @@ import numpy as np
 
 from dualarm_cli.clearing.clear_plan import quickest_clear, quickest_for_stops
 from dualarm_cli.clearing.cleared_plan import clearance_notes
+from dualarm_cli.clearing.torque_shapes import reshaped_within_torques
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import SectionBuilder, SectionTools, kind_of, with_needs
@@ -103,7 +104,10 @@ class SectionPlanner(SectionTools):
         quickest = quickest_for_stops if self.for_stops else quickest_clear
         method, timing, check = self.method, self.timing, self.check_collisions
         cleared = quickest(problem, method, timing, self.progress, check_collisions=check)
-        record.append(cleared.cleared.motion)
+        given = problem, cleared.cleared.motion, cleared.holding
+        motion, reshaped = reshaped_within_torques(*given)
+        record.append(motion)
+        record.notes += reshaped
         record.count(cleared)
         record.stage_plans += cleared.cleared.plans
 

@@ -53,6 +53,8 @@ class MethodProblem:
     """
     blending: Blending = STOPPING
     """Rule for passing targets and line ends in motion."""
+    limits_torques: bool = False
+    """Flag of plans that have to stay within the joints' torques."""
     repair_touching_stops: bool = True
     """Whether stages with colliding stops are repaired and re-planned; otherwise the order is changed."""
 

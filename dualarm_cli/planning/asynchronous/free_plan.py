@@ -14,6 +14,7 @@ from dualarm_cli.clearing.blended_plan import blended_plan, with_room
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_are_clear
+from dualarm_cli.clearing.torque_shapes import reshaped_within_torques
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.crowding import crowded_stops, is_same_spot
 from dualarm_cli.collision.rooms import rooms_of
@@ -170,7 +171,7 @@ class FreePlanner:
                 check_collisions=self.check_collisions,
                 alone=name,
             )
-            motion = plan.cleared.motion
+            motion, _ = reshaped_within_torques(problem, plan.cleared.motion, plan.holding)
         return ArmPlan(self._clock(problem, name, motion), problem, plan)
 
     def _clock(self, problem: MethodProblem, name: str, motion: Motion) -> OwnClock:
@@ -199,7 +200,8 @@ class FreePlanner:
             if any(stage.start - SAME_TIME <= at <= last for at in waited):
                 stopping.add((k, name))
         blended = blended_plan(arm_plan.problem, arm_plan.plan, self.timing, stopping)
-        return self._clock(arm_plan.problem, name, blended.cleared.motion)
+        given = arm_plan.problem, blended.cleared.motion, arm_plan.plan.holding
+        return self._clock(arm_plan.problem, name, reshaped_within_torques(*given)[0])
 
     def _still(self, model: CellModel, work: FloatArray) -> Motion:
         """Return a motion without movement."""

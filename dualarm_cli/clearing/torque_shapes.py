@@ -7,11 +7,14 @@ arm waits, or waits less. Bodies then meet at other times: a stage that loses it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from dualarm_cli.clearing.stage_samples import is_clear, stage_samples
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import merge
@@ -25,9 +28,12 @@ from dualarm_cli.motion.torque_limits import (
     payload_spans,
     sampled_motion,
 )
-from dualarm_cli.motion.torque_transfer import TransferEnds, transfer_within_torques
+from dualarm_cli.motion.torque_transfer import State, TransferEnds, transfer_within_torques
+from dualarm_cli.motion.transfers import largest_tool_speed
 from dualarm_cli.notes import Note, NoteTable
+from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.timing.composition import concatenate, hold
 
 shape_note = NoteTable(
@@ -52,21 +58,27 @@ class _Shaped:
 
 
 def reshaped_within_torques(
-    job: Job, motion: Motion, is_clear: Callable[[Motion, int], bool]
+    problem: MethodProblem, motion: Motion, holding: Holding | None
 ) -> tuple[Motion, list[Note]]:
     """Replace transfers beyond torques where that can be done, with a note.
 
     Args:
-        job: with the arms of all tasks, and a cell that limits torques.
-        motion: synchronous stages, in which each arm has a rest.
-        is_clear: check of a stage of a motion, by its index.
+        problem: of the job, with the arms of all tasks.
+        motion: synchronous stages, or those of an arm alone.
+        holding: bodies that must not collide; None checks none.
     """
-    if not _may_reshape(job, motion):
+    job = problem.job
+    if not problem.limits_torques or not np.isfinite(job.limits.jerk).all():
         return motion, []
     shaped = _replacements(job, motion)
     while shaped:
         changed = _with_shapes(job, motion, shaped)
-        touching = {k for k, _ in shaped if not is_clear(changed, k)}
+        if isinstance(changed, int):
+            # The belt of a stage would be met too late: the largest delay before it goes.
+            before = [key for key in shaped if key[0] <= changed]
+            shaped.pop(max(before, key=lambda key: shaped[key].added))
+            continue
+        touching = {k for k, _ in shaped if not _keeps(problem, changed, k, holding)}
         if not touching:
             seconds = changed.trajectory.duration - motion.trajectory.duration
             return changed, [shape_note("reshaped", transfers=len(shaped), seconds=seconds)]
@@ -74,25 +86,30 @@ def reshaped_within_torques(
     return motion, []
 
 
-def _may_reshape(job: Job, motion: Motion) -> bool:
-    """Check that nothing but torques prescribes the time of transfers."""
-    return (
-        job.tool_speed is None
-        and bool(np.isfinite(job.limits.jerk).all())
-        and all(not stage.arm for stage in motion.stages)
-        and not any(event.moves for event in motion.events)
-        and not any(segment.kind in ("path", "seam") for segment in motion.segments)
-    )
+def _keeps(problem: MethodProblem, motion: Motion, stage: int, holding: Holding | None) -> bool:
+    """Check a stage's clearance and the speed of its tools."""
+    span, cap = motion.stages[stage], problem.job.tool_speed
+    if cap is not None:
+
+        def positions(time: FloatArray) -> FloatArray:
+            return motion.trajectory.clamped(span.start + time)[0]
+
+        length = span.end - span.start
+        model = problem.model
+        if largest_tool_speed(model, list(model.arms), positions, length) > cap:
+            return False
+    return holding is None or is_clear(holding.cell, stage_samples(motion, stage, stage, holding))
 
 
 def _replacements(job: Job, motion: Motion) -> dict[tuple[int, str], _Shaped]:
     """Compute the new shape of each overloaded transfer, by stage and arm."""
-    spans, shared = payload_spans(job, motion), {task.id for task in job.tasks if task.handover}
+    spans, shared = payload_spans(job, motion), _shared(job)
     models: dict[tuple[PayloadSpan, ...], Dynamics] = {}
     shaped, arms, tracks = {}, job.cell.robot.arms, _tracks(job, motion)
     for k, stage in enumerate(motion.stages):
-        rests = [_rest(motion, track, name, stage, None) for name, track in tracks.items()]
-        if shared.intersection(stage.tasks) or None in rests:
+        meets = bool(shared.intersection(stage.tasks))
+        rests = [_rest(motion, track, name, stage, None, meets) for name, track in tracks.items()]
+        if None in rests:
             continue
         for arm in arms:
             inside = _inside(motion, arm.name, stage)
@@ -109,32 +126,45 @@ def _replacements(job: Job, motion: Motion) -> dict[tuple[int, str], _Shaped]:
             key = tuple(replace(span, start=0.0, end=0.0) for span in held)
             if key not in models:
                 models[key] = Dynamics(job.cell, carried_inertias(job, held))
-            piece = _shape(job, motion.trajectory, transfers[0], models[key])
+            piece = _shape(job, motion.trajectory, transfers[0], stage, models[key])
             if piece is None:
                 continue
             replaced = _Shaped(transfers[0], piece)
-            if _rest(motion, tracks[arm.name], arm.name, stage, replaced) is not None:
+            if _rest(motion, tracks[arm.name], arm.name, stage, replaced, meets) is not None:
                 shaped[k, arm.name] = replaced
     return shaped
 
 
 def _shape(
-    job: Job, trajectory: Trajectory, segment: Segment, dynamics: Dynamics
+    job: Job, trajectory: Trajectory, segment: Segment, stage: Stage, dynamics: Dynamics
 ) -> Trajectory | None:
-    """Reshape a transfer that is beyond its torques; None if it is not, or cannot be."""
+    """Reshape a transfer that is beyond its torques; None if it is not, or cannot be.
+
+    The platform keeps its time in the stage.
+    """
     robot = job.cell.robot
     columns = robot.columns(robot.arm(segment.arm).joints)
     _, _, (q, v, a) = sampled_motion(trajectory, segment.start, segment.end)
-    if np.abs(v[:, robot.columns(robot.platform)]).max(initial=0.0) > SETTINGS.at_rest:
-        return None
     at_rest, moving, viscous = dynamics.torques(q, v, a)
     torque = np.abs(at_rest + moving + viscous)[:, columns]
     if (torque <= (1.0 - SETTINGS.reserve) * dynamics.limit[columns]).all():
         return None
     start, end = trajectory.clamped(segment.start), trajectory.clamped(segment.end)
     duration = segment.end - segment.start
-    ends = TransferEnds(start, end, duration, q.min(axis=0), q.max(axis=0))
+    moves = np.abs(v[:, robot.columns(robot.platform)]).max(initial=0.0) > SETTINGS.at_rest
+    beside = partial(_beside, trajectory, segment.start, stage.end) if moves else None
+    ends = TransferEnds(start, end, duration, q.min(axis=0), q.max(axis=0), beside)
     return transfer_within_torques(dynamics, columns, ends, job.limits)
+
+
+def _beside(trajectory: Trajectory, start: float, end: float, time: FloatArray) -> State:
+    """Evaluate all joints at times after a start [s], at most at the end."""
+    return trajectory.clamped(np.minimum(start + time, end))
+
+
+def _shared(job: Job) -> set[str]:
+    """Collect the tasks in which arms meet."""
+    return {task.id for task in job.tasks if task.handover}
 
 
 def _tracks(job: Job, motion: Motion) -> dict[str, Trajectory]:
@@ -144,23 +174,33 @@ def _tracks(job: Job, motion: Motion) -> dict[str, Trajectory]:
     return {name: motion.trajectory.select(joints) for name, joints in groups if joints}
 
 
-def _with_shapes(job: Job, motion: Motion, shaped: Mapping[tuple[int, str], _Shaped]) -> Motion:
-    """Build the motion with replaced transfers."""
+def _with_shapes(
+    job: Job, motion: Motion, shaped: Mapping[tuple[int, str], _Shaped]
+) -> Motion | int:
+    """Build the motion with replaced transfers, or return the stage whose belt it misses."""
     tracks, arms = _tracks(job, motion), [arm.name for arm in job.cell.robot.arms]
     pieces: dict[str, list[Trajectory]] = {name: [] for name in tracks}
     segments: dict[str, list[Segment]] = {name: [] for name in arms}
     stages: list[Stage] = []
     events: list[Event] = []
-    clock = 0.0
+    clock, shared = 0.0, _shared(job)
     for k, stage in enumerate(motion.stages):
-        edits = _edits(motion, tracks, stage, {n: shaped[k, n] for n in tracks if (k, n) in shaped})
+        meets = bool(shared.intersection(stage.tasks))
+        here = {n: shaped[k, n] for n in tracks if (k, n) in shaped}
+        edits = _edits(motion, tracks, stage, here, meets)
+        met = [e for e in motion.events if e.moves and _stage_of(e, motion.stages) == k]
+        skipped = _skipped(motion, stage, clock - stage.start, met, edits)
+        if skipped is None:
+            return k
         for name, track in tracks.items():
+            edits[name] = replace(edits[name], skipped=skipped)
             pieces[name].append(edits[name].track(track, stage))
         for name in arms:
-            later = replace(edits[name], shift=clock - stage.start)
-            segments[name] += later.segments(_inside(motion, name, stage))
+            later = replace(edits[name], shift=clock - stage.start - skipped)
+            inside = later.segments(_inside(motion, name, stage))
+            segments[name] += [replace(s, start=max(s.start, clock)) for s in inside]
             events += [
-                replace(event, time=later.end(event.time))
+                replace(event, time=later.at_event(event.time))
                 for event in motion.events
                 if event.arm == name and _stage_of(event, motion.stages) == k
             ]
@@ -190,6 +230,10 @@ class _Edit:
     """Added wait [s], negative for a shorter one."""
     shift: float = 0.0
     """Change of the stage's start [s]."""
+    skipped: float = 0.0
+    """Time by which a common wait at the stage's start is shorter [s]."""
+    meets: bool = False
+    """Whether the wait is before the event, as in hand-overs."""
 
     @property
     def added(self) -> float:
@@ -204,20 +248,25 @@ class _Edit:
         """Return the new time of what ends at an old one [s]."""
         return self._later(time) + (self.inserted if time > self.rest + SAME_TIME else 0.0)
 
+    def at_event(self, time: float) -> float:
+        """Return the new time of an event [s]."""
+        return self.start(time) if self.meets else self.end(time)
+
     def _later(self, time: float) -> float:
         moved = self.shaped is not None and time >= self.shaped.segment.end - SAME_TIME
         return time + self.shift + (self.added if moved else 0.0)
 
     def track(self, track: Trajectory, stage: Stage) -> Trajectory:
         """Build the motion of the group in the stage, from time 0."""
-        begin, parts = stage.start, []
+        begin, parts = stage.start + self.skipped, []
+        rest = max(self.rest, begin)
         if self.shaped is not None:
             parts += [_cut(track, begin, self.shaped.segment.start), self.shaped.motion]
             begin = self.shaped.segment.end
-        parts.append(_cut(track, begin, max(self.rest + min(self.inserted, 0.0), begin)))
+        parts.append(_cut(track, begin, max(rest + min(self.inserted, 0.0), begin)))
         if self.inserted > SAME_TIME:
-            parts.append(hold(track.joints, track.clamped(self.rest)[0], self.inserted))
-        parts.append(_cut(track, self.rest, stage.end))
+            parts.append(hold(track.joints, track.clamped(rest)[0], self.inserted))
+        parts.append(_cut(track, rest, stage.end))
         return concatenate([part for part in parts if part.duration > 0.0] or parts[-1:])
 
     def segments(self, old: Sequence[Segment]) -> list[Segment]:
@@ -243,13 +292,14 @@ def _edits(
     tracks: Mapping[str, Trajectory],
     stage: Stage,
     shaped: Mapping[str, _Shaped],
+    meets: bool,
 ) -> dict[str, _Edit]:
     """Compute the change of every joint group such that all end the stage together."""
     edits = {}
     for name, track in tracks.items():
-        place = _rest(motion, track, name, stage, shaped.get(name))
+        place = _rest(motion, track, name, stage, shaped.get(name), meets)
         rest, waited = (stage.end, 0.0) if place is None else place
-        edits[name] = _Edit(rest, waited, shaped.get(name))
+        edits[name] = _Edit(rest, waited, shaped.get(name), meets=meets)
     if not shaped:
         return edits
     # An arm that waits for the other one may wait less; no stage becomes shorter than it was.
@@ -257,20 +307,66 @@ def _edits(
     return {name: replace(edit, inserted=added - edit.added) for name, edit in edits.items()}
 
 
+def _skipped(
+    motion: Motion,
+    stage: Stage,
+    lag: float,
+    met: Sequence[Event],
+    edits: Mapping[str, _Edit],
+) -> float | None:
+    """Compute how much shorter a common wait for a belt or a window is [s].
+
+    Args:
+        motion: as it was.
+        stage: one of its stages.
+        lag: by which the stage would begin later [s].
+        met: events on belts in the stage.
+        edits: of the stage, by group.
+
+    Returns:
+        The time, or None if a belt would not be met.
+    """
+    waits = [
+        segment
+        for name in edits
+        for segment in _inside(motion, name, stage)[:1]
+        if segment.kind == "wait" and segment.start <= stage.start + SAME_TIME
+    ]
+    for_time = any(segment.reason in ("conveyor", "window") for segment in waits)
+    # All arms wait; the platform, which has no segments, does with them.
+    common = for_time and len(waits) == sum(name != "" for name in edits)
+    room = min((s.end - s.start for s in waits), default=0.0) if common else 0.0
+    later = {edits[event.arm].at_event(event.time) - event.time for event in met}
+    if not later:
+        return min(lag, room)
+    needed = lag + max(later)
+    is_met = max(later) - min(later) <= SAME_TIME and needed <= room + SAME_TIME
+    return min(needed, room) if is_met else None
+
+
 def _rest(
-    motion: Motion, track: Trajectory, name: str, stage: Stage, shaped: _Shaped | None
+    motion: Motion,
+    track: Trajectory,
+    name: str,
+    stage: Stage,
+    shaped: _Shaped | None,
+    meets: bool,
 ) -> tuple[float, float] | None:
     """Find a rest of a group after its transfer, and the wait before it [s].
 
-    Returns None for a group that is never at rest there.
+    Where arms meet it is before the lines. Returns None for a group that is never at rest there.
     """
-    after = [s for s in _inside(motion, name, stage) if s.kind in ("wait", "dwell", "approach")]
+    inside = _inside(motion, name, stage)
+    after = [s for s in inside if s.kind in ("wait", "dwell", "approach")]
     if shaped is not None:
         after = [s for s in after if s.start >= shaped.segment.end - SAME_TIME]
-    waits = [s for s in after if s.kind == "wait" and s.reason == "partner"]
+    lines = [s.start for s in after if s.kind != "wait"]
+    latest = min(lines) if meets and lines else stage.end
+    waits = [s for s in after if s.kind == "wait" and s.reason == "partner" and s.end <= latest]
     places = [(s.end, s.end - s.start) for s in waits[-1:]]
-    places += [(s.end, 0.0) for s in reversed(after) if s.kind != "wait"]
-    for time, waited in (*places, (stage.end, 0.0), *([] if shaped else [(stage.start, 0.0)])):
+    if latest == stage.end:
+        places += [(s.end, 0.0) for s in reversed(after) if s.kind != "wait"]
+    for time, waited in (*places, (latest, 0.0), *([] if shaped else [(stage.start, 0.0)])):
         _, v, a = track.clamped(time)
         if max(np.abs(v).max(), np.abs(a).max()) <= SETTINGS.at_rest:
             return time, waited
