@@ -45,13 +45,15 @@ class TorqueSettings:
 
 
 SETTINGS = TorqueSettings()
+SHORTEST = 1e-3
+"""Fraction of a wait that remains at least."""
 
 
 def within_torques(job: Job, motion: Motion) -> tuple[Motion, list[Note]]:
     """Slow a motion where joints would exceed their torques, with a note.
 
-    Motion that follows a path or a seam, or that comes before the last meeting with a belt, has its own time and stays;
-    the verifier judges it.
+    Motion that follows a path, a seam or a belt has its own time and stays; the verifier judges it. Waits for a belt
+    become shorter by what is slowed before them.
 
     Args:
         job: with the tasks of all events, and a cell that limits torques.
@@ -139,11 +141,52 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
             joint = int(columns[worst])
         np.maximum.at(squares, span, square)
     fixed = [(s.start, s.end) for s in motion.segments if s.kind in ("path", "seam")]
-    # What comes before a meeting with a belt cannot come later.
-    fixed += [(0.0, event.time + event.dwell) for event in motion.events if event.moves]
+    met = sorted(event.time + event.dwell for event in motion.events if event.moves)
+    fixed += [(event.time, event.time + event.dwell) for event in motion.events if event.moves]
     for start, end in fixed:
-        squares[(times[:-1] < end - SAME_TIME) & (times[1:] > start + SAME_TIME)] = 1.0
-    return np.sqrt(squares), edges, joint
+        squares[(times[:-1] < end + SAME_TIME) & (times[1:] > start - SAME_TIME)] = 1.0
+    factors = np.sqrt(squares)
+    _recover(motion, factors, times, met)
+    return factors, edges, joint
+
+
+def _recover(motion: Motion, factors: FloatArray, times: FloatArray, met: Sequence[float]) -> None:
+    """Shorten the waits for belts by what comes later before them.
+
+    Where they are too short, no motion since the last meeting is slowed.
+
+    Args:
+        motion: of all joints.
+        factors: of each span, changed, shape (m,).
+        times: at the edges of the spans [s], shape (m + 1,).
+        met: ends of the meetings with belts, in order [s].
+    """
+    lengths, first = np.diff(times), 0
+    for end in met:
+        last = int(np.searchsorted(times[:-1], end - SAME_TIME))
+        spans = np.arange(first, last)
+        lag = float(((factors - 1.0) * lengths)[spans].sum())
+        waits = [k for k in spans if lag > 0.0 and _waits_for_belt(motion, times[k], times[k + 1])]
+        # A wait that remains has a length, so that times rise.
+        room = lengths[waits] * (1.0 - SHORTEST)
+        if lag > float(room.sum()):
+            factors[spans] = 1.0
+        elif lag > 0.0:
+            factors[waits] -= room / lengths[waits] * (lag / float(room.sum()))
+        first = last
+
+
+def _waits_for_belt(motion: Motion, start: float, end: float) -> bool:
+    """Check whether all arms wait in a span, one of them for a belt."""
+    inside = [
+        segment
+        for segment in motion.segments
+        if segment.start <= start + SAME_TIME and segment.end >= end - SAME_TIME
+    ]
+    arms = {segment.arm for segment in motion.segments}
+    return {s.arm for s in inside if s.kind == "wait"} == arms and any(
+        segment.reason == "conveyor" for segment in inside
+    )
 
 
 def _span(edges: IntArray, knot: IntArray) -> IntArray:

@@ -125,7 +125,7 @@ def test_torques_are_limited_by_rule_and_data(job: SimpleNamespace, limited: boo
     assert limits_torques(job.cell) == limited
 
 
-def test_motion_before_a_meeting_with_a_belt_is_not_slowed() -> None:
+def test_motion_before_a_meeting_with_a_belt_is_not_slowed_without_a_wait() -> None:
     """The belt is met at 0.4 s: the first swing keeps its time, and one after it would be slowed."""
     motion = swing()
     met = replace(motion.events[0], velocity=(0.1, 0.0, 0.0), dwell=0.0)
@@ -134,6 +134,31 @@ def test_motion_before_a_meeting_with_a_belt_is_not_slowed() -> None:
     # The way back has a fifth of the acceleration, of which a quarter is allowed: twice its time.
     expected = np.array([0, 1, 2, 3, 4, 5, 7, 9, 11, 13]) * H
     np.testing.assert_allclose(slowed.trajectory.time, expected, atol=1e-12)
+
+
+def test_a_wait_for_a_belt_is_shorter_by_what_is_slowed_before_it() -> None:
+    """Forth in 0.8 s instead of 0.4 s, and 0.5 s of wait instead of 0.9 s: the belt is met at 1.3 s as before."""
+    motion, wait = swing(), 0.9
+    old = motion.trajectory
+    time = np.where(np.arange(10) >= 5, old.time + wait - H, old.time)
+    trajectory = replace(old, time=time)
+    segments = (
+        Segment("left", "transfer", "a", "place", 0.0, 0.4),
+        Segment("left", "wait", "b", "pick", 0.4, 1.3, reason="conveyor"),
+        Segment("left", "transfer", "b", "pick", 1.3, 1.7),
+    )
+    met = replace(motion.events[0], time=1.7, velocity=(0.1, 0.0, 0.0), dwell=0.0)
+    weak = job_of(MASS * LENGTH**2 * ACCELERATION / 4.0 / (1.0 - SETTINGS.reserve))
+    slowed, _ = within_torques(
+        weak, replace(motion, trajectory=trajectory, segments=segments, events=(met,))
+    )
+    assert [(round(s.start, 9), round(s.end, 9)) for s in slowed.segments] == [
+        (0, 0.8),
+        (0.8, 1.3),
+        (1.3, 1.7),
+    ]
+    assert slowed.events[0].time == pytest.approx(1.7, abs=1e-12)
+    assert slowed.trajectory.time[4] == pytest.approx(0.8)
 
 
 def test_a_dwell_keeps_its_length_and_a_wait_follows() -> None:
