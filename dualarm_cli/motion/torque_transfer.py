@@ -71,7 +71,7 @@ class TransferEnds:
     most: FloatArray
     """Highest positions of the present motion [rad or m], shape (n,)."""
     beside: Callable[[FloatArray], State] | None = None
-    """Motion of all joints from the start on, at times (k,) [s]; None if all others stand."""
+    """Motion of all joints at times (k,) from the start [s], or None at rest."""
 
 
 class _Grid:
