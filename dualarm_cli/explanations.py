@@ -279,8 +279,8 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "error[E640]: 2 points do not determine the base of one robot relative to the other; …",
         "how-to/calibration.md",
     ),
-    "E650": Explanation(
-        "A joint cannot hold its load",
+    "E645": Explanation(
+        "A joint cannot bear its load",
         (
             "Tool and part are too heavy for a joint where the arm has to be.",
             "The effort in the URDF is too low, or springs and counterweights are missing in it.",
@@ -290,7 +290,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "State the true effort or the springs in the robot file: `torques: {…}`.",
             "`torque: checked` in the cell file measures torques without a limit.",
         ),
-        "error[E650]: left_7 needs 7.77 N m to hold still at 2.31 s, carrying left box, 111% of its effort; …",
+        "error[E645]: left_7 needs 7.77 N m to hold still at 2.31 s, carrying left box, 111% of its effort; …",
         "how-to/torque.md",
     ),
     "E680": Explanation(

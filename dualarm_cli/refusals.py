@@ -285,6 +285,8 @@ _MOTION = {
 _TORQUES = {
     "cannot_hold": "{joint} needs {measured:.4g} {unit} to hold still at {time:.2f} s{carrying}, {share:.0%} of its "
     "effort; give a lighter part or another target, or springs and the true effort in the robot file (`torques`)",
+    "rated": "{joint} needs {measured:.4g} {unit} on average (RMS) over the cycle, {share:.0%} of its rated effort, "
+    "even if motion is {factor:g} times slower; give a lighter part, or targets with shorter levers",
 }
 _CALIBRATION = {
     "few_points": "{points:#|#} {points:point does|points do} not determine the base of one robot relative to the "
@@ -322,7 +324,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E620": _CLEARANCE,
     "E630": _MOTION,
     "E640": _CALIBRATION,
-    "E650": _TORQUES,
+    "E645": _TORQUES,
     "E680": _STARTING,
 }
 SENTENCES: Mapping[str, str] = {

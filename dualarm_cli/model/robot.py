@@ -236,6 +236,10 @@ class Robot:
             hands[arm.name] = tuple(links) or ((arm.hand,) if arm.hand else ())
         return hands
 
+    def torque_unit(self, joint: str) -> str:
+        """Return the unit of a joint's torque, or of a sliding joint's force."""
+        return "N" if joint in self.sliding else "N m"
+
     @cached_property
     def torques(self) -> JointTorques:
         """Torque limits of the joints and torques besides those of the links."""

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import ANY, GIVES, TAKES, Job
@@ -27,6 +27,7 @@ from dualarm_cli.refusals import Refusal
 
 torque_note = NoteTable(
     "torque",
+    rated="torque: all motion between rests takes at least {factor:.2f} times as long, for the rated effort of {joint}",
     slowed="torque: {spans:# motion between rests is|# motions between rests are} slowed, by up to {most:.0%} for "
     "{joint}, together by {seconds:.3f} s",
 )
@@ -40,6 +41,8 @@ class TorqueSettings:
     """Largest distance of two instants [s]."""
     reserve: float = 3e-3
     """Fraction of efforts that is kept, for peaks between instants."""
+    slowest: float = 4.0
+    """Largest factor by which motion is slowed for rated efforts."""
     at_rest: float = 1e-9
     """Speed [rad/s] and acceleration [rad/s²] that count as zero."""
 
@@ -62,14 +65,15 @@ def within_torques(job: Job, motion: Motion) -> tuple[Motion, list[Note]]:
     Raises:
         InfeasibleError: a joint cannot hold still at a place of the motion.
     """
-    factors, edges, joint = _slowing(job, motion)
+    factors, edges, joint, notes = _slowing(job, motion)
     if not (factors > 1.0).any():
         return motion, []
     slowed = _slowed(motion, factors, edges)
     seconds = slowed.trajectory.duration - motion.trajectory.duration
     count, most = int((factors > 1.0).sum()), float(factors.max()) - 1.0
     name = job.cell.robot.joints[joint]
-    return slowed, [torque_note("slowed", spans=count, most=most, joint=name, seconds=seconds)]
+    note = torque_note("slowed", spans=count, most=most, joint=name, seconds=seconds)
+    return slowed, [note, *notes]
 
 
 @dataclass(frozen=True)
@@ -112,11 +116,11 @@ def payload_spans(job: Job, motion: Motion) -> list[PayloadSpan]:
     return [load for load in loads if job.cell.load_inertia(load.arm, load.held).mass > 0.0]
 
 
-def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
+def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int, list[Note]]:
     """Compute the factor of every span between rests, and the joint of the largest one.
 
     Returns:
-        Factors, at least 1, shape (m,); knots at the edges of the spans, shape (m + 1,); index of a joint.
+        Factors, shape (m,); knots at the edges of the spans, shape (m + 1,); index of a joint; notes.
     """
     trajectory = motion.trajectory
     still = np.hstack([np.abs(trajectory.velocity), np.abs(trajectory.acceleration)]).max(axis=1)
@@ -126,6 +130,7 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
     squares, joint, loads = np.ones(len(times) - 1), 0, payload_spans(job, motion)
     bounds = np.unique([trajectory.time[0], *(t for load in loads for t in (load.start, load.end))])
     models: dict[tuple[PayloadSpan, ...], Dynamics] = {}
+    instants: list[_Instants] = []
     for first, last in zip(bounds, [*bounds[1:], trajectory.time[-1]], strict=True):
         if last <= first:
             continue
@@ -134,8 +139,10 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
         if key not in models:
             models[key] = Dynamics(job.cell, carried_inertias(job, held))
         time, knot, (q, v, a) = sampled_motion(trajectory, float(first), float(last))
-        square, columns = _least_squares(job, models[key], time, (q, v, a), held)
+        parts = models[key].torques(q, v, a)
+        square, columns = _least_squares(job, models[key].limit, time, parts, held)
         span = _span(edges, knot)
+        instants.append(_Instants(time, span, v, *parts))
         worst = int(np.argmax(square))
         if square[worst] > squares.max():
             joint = int(columns[worst])
@@ -145,9 +152,96 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int]:
     fixed += [(event.time, event.time + event.dwell) for event in motion.events if event.moves]
     for start, end in fixed:
         squares[(times[:-1] < end + SAME_TIME) & (times[1:] > start - SAME_TIME)] = 1.0
-    factors = np.sqrt(squares)
+    factors, notes = np.sqrt(squares), list[Note]()
+    if np.isfinite(job.cell.robot.torques.rated).any():
+        loose = np.ones(len(factors), dtype=np.bool_)
+        for start, end in fixed:
+            loose &= (times[:-1] >= end + SAME_TIME) | (times[1:] <= start - SAME_TIME)
+        factors, notes = _within_rated(job, instants, factors, loose)
     _recover(motion, factors, times, met)
-    return factors, edges, joint
+    return factors, edges, joint, notes
+
+
+@dataclass(frozen=True)
+class _Instants:
+    """Torques of all joints at instants of a motion, with one payload."""
+
+    time: FloatArray
+    """Times [s], shape (k,); not in order."""
+    span: IntArray
+    """Spans between rests, shape (k,)."""
+    velocity: FloatArray
+    """Velocities, shape (k, n)."""
+    at_rest: FloatArray
+    """Torques at rest [N m or N], shape (k, n)."""
+    moving: FloatArray
+    """Torques of the motion, shape (k, n)."""
+    viscous: FloatArray
+    """Torques of viscous friction, shape (k, n)."""
+
+    def squares(self, factors: FloatArray, coulomb: FloatArray) -> tuple[FloatArray, float]:
+        """Integrate squared torques (n,) over the motion slowed by factors, and its duration [s]."""
+        order = np.argsort(self.time, kind="stable")
+        factor = factors[self.span[order]][:, None]
+        torque = self.at_rest[order] + self.viscous[order] / factor
+        torque += self.moving[order] / np.square(factor)
+        moves = np.abs(self.velocity[order]) > SETTINGS.at_rest
+        sign = np.where(moves, np.sign(self.velocity[order]), np.sign(torque))
+        weight = np.diff(self.time[order])[:, None] * np.minimum(factor[1:], factor[:-1])
+        square = np.square(torque + coulomb * sign)
+        return np.sum(weight * (square[1:] + square[:-1]) / 2.0, axis=0), float(weight.sum())
+
+
+def _within_rated(
+    job: Job, instants: Sequence[_Instants], factors: FloatArray, loose: BoolArray
+) -> tuple[FloatArray, list[Note]]:
+    """Slow all motion by the least factor that keeps rated efforts, with a note.
+
+    Args:
+        job: with a robot that has rated efforts.
+        instants: of the whole motion.
+        factors: least factors of the spans between rests, shape (m,).
+        loose: spans that may be slowed, shape (m,).
+
+    Raises:
+        InfeasibleError: the largest factor is too small.
+    """
+    robot = job.cell.robot
+    moves = np.zeros(len(factors), dtype=np.bool_)
+    for part in instants:
+        np.logical_or.at(moves, part.span, (np.abs(part.velocity) > SETTINGS.at_rest).any(axis=1))
+
+    def slowed(factor: float) -> FloatArray:
+        return np.where(loose & moves, np.maximum(factors, factor), factors)
+
+    def effective(factor: float) -> FloatArray:
+        parts = [part.squares(slowed(factor), robot.torques.coulomb) for part in instants]
+        total, duration = (sum(values) for values in zip(*parts, strict=True))
+        return np.sqrt(total / max(duration, 1e-9))
+
+    allowed, low, high = (1.0 - SETTINGS.reserve) * robot.torques.rated, 1.0, SETTINGS.slowest
+    first = effective(low) / allowed
+    if (first <= 1.0).all():
+        return factors, []
+    last = effective(high)
+    joint = int(np.argmax(last / allowed))
+    if last[joint] > allowed[joint]:
+        name, rated = robot.joints[joint], float(robot.torques.rated[joint])
+        data = {
+            "joint": name,
+            "unit": robot.torque_unit(name),
+            "share": last[joint] / rated,
+            "factor": high,
+        }
+        raise InfeasibleError(
+            Refusal("rated", measured=float(last[joint]), allowed=rated, data=data)
+        )
+    while high - low > 1e-3:
+        middle = (low + high) / 2.0
+        fits = bool((effective(middle) <= allowed).all())
+        low, high = (low, middle) if fits else (middle, high)
+    name = robot.joints[int(np.argmax(first))]
+    return slowed(high), [torque_note("rated", factor=high, joint=name)]
 
 
 def _recover(motion: Motion, factors: FloatArray, times: FloatArray, met: Sequence[float]) -> None:
@@ -231,9 +325,9 @@ def sampled_motion(
 
 def _least_squares(
     job: Job,
-    dynamics: Dynamics,
+    most: FloatArray,
     time: FloatArray,
-    motion: tuple[FloatArray, FloatArray, FloatArray],
+    torques: tuple[FloatArray, FloatArray, FloatArray],
     held: Sequence[PayloadSpan],
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the least square of the slowing factor at instants, and its joint.
@@ -244,8 +338,8 @@ def _least_squares(
     Raises:
         InfeasibleError: a joint cannot hold still.
     """
-    at_rest, moving, viscous = dynamics.torques(*motion)
-    limit = (1.0 - SETTINGS.reserve) * dynamics.limit
+    at_rest, moving, viscous = torques
+    limit = (1.0 - SETTINGS.reserve) * most
     lacking = np.abs(at_rest) - limit
     k, joint = np.unravel_index(int(np.argmax(lacking)), lacking.shape)
     if lacking[k, joint] >= 0.0:
@@ -272,7 +366,7 @@ def _cannot_hold(
     loads = [f"{load.arm} {load.held.name}" for load in held]
     data = {
         "joint": robot.joints[joint],
-        "unit": "N" if robot.joints[joint] in robot.sliding else "N m",
+        "unit": robot.torque_unit(robot.joints[joint]),
         "torque": torque,
         "share": torque / effort,
         "time": time,

@@ -161,6 +161,30 @@ def test_a_wait_for_a_belt_is_shorter_by_what_is_slowed_before_it() -> None:
     assert slowed.trajectory.time[4] == pytest.approx(0.8)
 
 
+@pytest.mark.parametrize("share", [0.9, 0.5])
+def test_motion_is_slowed_until_the_rated_effort_is_kept(share: float) -> None:
+    """Of horizontal motion torques fall by s² and rests keep their length: RMS by dense sampling."""
+    peak = MASS * LENGTH**2 * ACCELERATION
+
+    def effective(motion: Motion) -> float:
+        t = np.linspace(0.0, motion.trajectory.duration, 200_001)
+        torque = MASS * LENGTH**2 * motion.trajectory.at(t)[2]
+        return float(np.sqrt(np.mean(np.square(torque))))
+
+    rated = share * effective(swing())
+    motion, notes = within_torques(job_of(2 * peak, rated=rated), swing())
+    assert effective(motion) <= rated
+    assert effective(motion) == pytest.approx(rated, rel=0.01)
+    assert motion.trajectory.time[5] - motion.trajectory.time[4] == pytest.approx(H)
+    assert "for the rated effort of swing" in notes[1]
+
+
+def test_a_rated_effort_that_holding_still_exceeds_is_refused() -> None:
+    """M g L cos q at rest is beyond 5 N m however slow the motion is."""
+    with pytest.raises(InfeasibleError, match=r"swing needs .* on average \(RMS\) over the cycle"):
+        within_torques(job_of(100.0, pin.SE3.Identity(), rated=5.0), swing())
+
+
 def test_a_dwell_keeps_its_length_and_a_wait_follows() -> None:
     """A dwell of an arm in a span in which another joint moves."""
     motion = swing()
