@@ -21,9 +21,11 @@ from dualarm_cli.page.packed import joint_knots, packed
 from dualarm_cli.page.scene import DrawnHulls, bodies, flange, placed, solids, tcp, visuals
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.report import plan_title
+from dualarm_cli.report.torques import has_torques
 from dualarm_cli.robot_import.proposed_tool import tool_notes
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import watched_pairs
+from dualarm_cli.verification.torque_checks import InverseDynamics, torque_samples
 
 
 def page_data(schedule: Schedule, job: Job, report: Mapping[str, Any]) -> dict[str, Any]:
@@ -70,6 +72,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "events": [event_row(event) for event in schedule.events],
         "stages": [stage_row(stage) for stage in schedule.stages],
         "clearances": clearance_curves(schedule, done),
+        "torques": torque_curves(schedule, done),
     }
 
 
@@ -102,6 +105,30 @@ def _joints(schedule: Schedule) -> list[dict[str, Any]]:
             }
         )
     return joints
+
+
+def torque_curves(schedule: Schedule, job: Job) -> dict[str, Any] | None:
+    """Sample the torques of all joints over a motion, for curves.
+
+    None without efforts or masses.
+
+    Args:
+        schedule: a verified one.
+        job: as it was done (`job_as_done`).
+    """
+    if not has_torques(job):
+        return None
+    samples = list(torque_samples(InverseDynamics(job.cell), schedule, job))
+    time = np.concatenate([part.time for part in samples])
+    torque = np.vstack([part.torque for part in samples])[np.argsort(time, kind="stable")]
+    rows = np.arange(0, len(time), max(len(time) // PAGE.most, 1))
+    rows = distinct(np.concatenate([rows, torque.argmax(axis=0), torque.argmin(axis=0)]))
+    columns = [job.cell.robot.joints.index(name) for name in schedule.robot.limits.joints]
+    return {
+        "time": packed(np.sort(time)[rows], "f64"),
+        "values": [packed(torque[rows, k], "f32") for k in columns],
+        "efforts": [float(job.cell.robot.torques.effort[k]) for k in columns],
+    }
 
 
 def _finite(value: float) -> float | None:

@@ -185,6 +185,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     lines.append(bound_line(report))
     lines += [report["bodies"]["text"], f"collisions: {report['collisions']}"]
     lines += [f"torque: {text}" for text in _torques(report)]
+    lines += _energy(report)
     if report["skew"] is not None:
         lines.append(f"skew: {report['skew']}")
     if report["without_jerk_limit"]:
@@ -193,6 +194,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
         )
     lines += report["assumptions"]
     lines += sensitivity_lines(report)
+    lines += _effort_lines(report)
     lines += [f"note: {note}" for note in detail_notes(report)]
     return [*lines, *result_lines(report)]
 
@@ -207,6 +209,52 @@ def _torques(report: dict[str, Any]) -> list[str]:
         for check in checks
         if check["name"] == "torque"
     ]
+
+
+def _are_limited(report: dict[str, Any]) -> bool:
+    """Check whether the plan had to stay within torques."""
+    checks = (report["verification"] or {"checks": []})["checks"]
+    return any(c["name"] == "torque" and c["verdict"] != "not checked" for c in checks)
+
+
+def _energy(report: dict[str, Any]) -> list[str]:
+    """Describe the mechanical work of the motion, or nothing without torques."""
+    if report["torques"] is None:
+        return []
+    parts = [
+        f"{name} {row['work']:.1f} J work, {row['braking']:.1f} J braking, "
+        f"{round(row['net'], 1) + 0.0:.1f} J net"
+        for name, row in report["torques"]["energy"].items()
+    ]
+    return [f"energy at the joints, without losses of motors and gears: {'; '.join(parts)}"]
+
+
+def _effort_lines(report: dict[str, Any]) -> list[str]:
+    """Compose the lines on what efforts permit, and on the effect of lower ones."""
+    torques, cycle = report["torques"], report["cycle_time"]
+    if torques is None or torques["lower_effort"] is None or cycle <= 0.0:
+        return []
+    lower = torques["lower_effort"]
+    if lower["cycle_time"] is None:
+        text = f"{lower['joint']} could not hold still"
+    else:
+        text = _with_change(lower["cycle_time"], cycle)
+        if lower["cycle_time"] - cycle >= SHOWN:
+            text += (
+                f" with the same motion, slowed for {lower['joint']}; new transfers may be faster"
+            )
+    lines = [f"efforts {lower['share']:.0%} lower: {text}"]
+    factors = {
+        name: joint["acceleration_factor"]
+        for name, joint in torques["joints"].items()
+        if joint["acceleration_factor"] is not None
+    }
+    if factors and report["assumed_limits"]:
+        least = min(factors, key=lambda name: factors[name])
+        lines.append(
+            f"efforts permit {factors[least]:.2g} times the accelerations of this motion, until {least} reaches its own"
+        )
+    return lines
 
 
 def _kind_lines(section: str, report: dict[str, Any]) -> list[str]:
@@ -263,6 +311,8 @@ def bound_line(report: dict[str, Any]) -> str:
             what = "tasks"  # paths and seams divide them in the file's order
         plan = "rest-to-rest plan" if report["blending"] is None else "plan"
         line = f"proven: no {plan} of these {what} is faster than {report['lower_bound']:.3f} s"
+        if _are_limited(report):
+            line += "; torque limits keep it valid, as they only make plans slower"
     if report["tool_speed_cap"] is not None:
         line += "; neither the bound nor the search includes the limit of the tools' speed"
     elif report["grid_gap"] is not None:

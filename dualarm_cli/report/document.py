@@ -164,11 +164,27 @@ class StageRow(TypedDict):
     saved: Annotated[float, "s", "How much shorter the stage is than with stops at the outer ends of lines."]
 
 
+class TorquePeak(TypedDict):
+    """Largest torque as a share of the effort."""
+
+    torque: Annotated[float, "Nm", "Its magnitude (N where the joint slides)."]
+    share: Annotated[float, "", "That as a share of the joint's effort."]
+    time: Annotated[float, "s", "When."]
+    carrying: Annotated[str, "", "What the arms carry then; empty for tools alone."]
+
+
+class ReportStageTorque(TorquePeak):
+    """Joint of a stage that is nearest to its effort."""
+
+    joint: Annotated[str, "", "That joint."]
+
+
 class ReportStage(StageRow):
     """Stage with its work."""
 
     duration: Annotated[float, "s", "End less start."]
     work: list[ReportWork]
+    torque: ReportStageTorque | None
 
 
 class DwellRow(TypedDict):
@@ -259,6 +275,40 @@ class ReportUse(TypedDict):
     velocity: Annotated[float, "", "Largest share of the joint's speed limit that is used."]
     acceleration: Annotated[float, "", "Largest share of its acceleration limit."]
     jerk: Annotated[float, "", "Largest share of its jerk limit."]
+
+
+class ReportTorque(TorquePeak):
+    """Torques of a joint."""
+
+    unit: Annotated[str, "", "Nm, or N where the joint slides."]
+    effort: Annotated[float, "`unit`", "Largest torque that it may have."]
+    effective: Annotated[float, "`unit`", "Effective (RMS) torque over the motion."]
+    rated: Annotated[float | None, "`unit`", "Largest effective torque; none where the robot file gives none."]
+    acceleration_factor: Annotated[float | None, "", "Factor by which accelerations of this motion could rise, and speeds by its root, before the joint reaches its effort; none where it is at rest."]
+
+
+class ReportEnergy(TypedDict):
+    """Mechanical work of the joints of an arm or the platform over the motion."""
+
+    work: Annotated[float, "J", "Positive work: what the motors put in."]
+    braking: Annotated[float, "J", "Work that they take out while they brake or lower."]
+    net: Annotated[float, "J", "Work less braking."]
+
+
+class ReportLowerEffort(TypedDict):
+    """Effect of lower efforts on the same motion, slowed between rests."""
+
+    share: Annotated[float, "", "By how much all efforts are lower."]
+    cycle_time: Annotated[float | None, "s", "Cycle time then; none where a joint could not hold still."]
+    joint: Annotated[str, "", "Joint that decides."]
+
+
+class ReportTorques(TypedDict):
+    """Torques over the whole motion, with tools and parts."""
+
+    joints: dict[JointName, ReportTorque]
+    energy: dict[ArmName, ReportEnergy]
+    lower_effort: ReportLowerEffort | None
 
 
 class ReportSensitivity(TypedDict):
@@ -365,6 +415,7 @@ class Report(TypedDict):
     assumptions: Annotated[list[str], "", "Sentences that name the assumed limits."]
     without_jerk_limit: Annotated[list[str], "", "Joints whose jerk is not limited: the robot file says `jerk: none`."]
     sensitivity: list[ReportSensitivity]
+    torques: ReportTorques | None
     verification: ReportVerification | None
     settings: SettingsRow
     notes: Annotated[list[str], "", "Choices and assumptions that a reader should know."]

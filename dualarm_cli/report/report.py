@@ -27,6 +27,7 @@ from dualarm_cli.report.document import Report
 from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.report.stage_parts import StageParts, blending_rows, stage_parts
+from dualarm_cli.report.torques import torque_members
 from dualarm_cli.verification.budget_checks import judge_budget
 from dualarm_cli.verification.measuring.tolerances import TOL
 from dualarm_cli.verification.motion_checks import jerk_fraction, velocity_extrema
@@ -49,6 +50,7 @@ def build_report(schedule: Schedule, job: Job) -> Report:
         job: the planned job.
     """
     drawn = drawn_out(schedule)
+    torques, stage_torques = torque_members(schedule, job)
     members: dict[str, Any] = {
         "format": "dualarm.report/1",
         "robot": schedule.robot.name,
@@ -73,7 +75,11 @@ def build_report(schedule: Schedule, job: Job) -> Report:
             field_values(line) | {"text": str(line)} for line in judge_budget(schedule, job)
         ],
         **_kind_rows("work", schedule, job),
-        "stages": _stage_rows(schedule),
+        "stages": [
+            row | {"torque": torque}
+            for row, torque in zip(_stage_rows(schedule), stage_torques, strict=True)
+        ],
+        "torques": torques,
         "bottlenecks": _bottlenecks(schedule),
         "arms": {
             name: _arm_use(schedule, name) | {"drawn_out_for_platform": drawn[name]}

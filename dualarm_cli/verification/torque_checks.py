@@ -7,7 +7,7 @@ milliseconds between them miss less than the tolerance of a peak.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -163,9 +163,7 @@ def check_torques(schedule: Schedule, job: Job | None) -> list[Check]:
     why = why_unknown(cell)
     if why or cell.torque == "ignored":
         return [not_checked("torque", why or "the cell file ignores torques (torque: ignored)")]
-    peaks, effective = measured_torques(
-        schedule.trajectory.select(cell.robot.joints), schedule, job
-    )
+    peaks, effective = measured_torques(schedule, job)
     worst, overload = Worst(), _overload(cell)
     for joint, peak, effort in zip(
         cell.robot.joints, peaks, cell.robot.torques.effort, strict=True
@@ -199,46 +197,81 @@ class Peak:
 
     def place(self, joint: str, effort: float) -> str:
         """Describe the peak: joint, time, torque, limit and loads."""
-        carried = [f"{load.carrier} {load.held.name}" for load in self.loads]
         text = f"{joint} at {self.time:.3f} s: {self.torque:.4g} of {effort:.4g} {self.unit}"
-        return f"{text}, carrying {' and '.join(carried)}" if carried else text
+        return f"{text}, carrying {carried(self.loads)}" if self.loads else text
 
 
-def measured_torques(
-    trajectory: Trajectory, schedule: Schedule, job: Job
-) -> tuple[list[Peak], FloatArray]:
+def carried(loads: Sequence[Payload]) -> str:
+    """Name loads with their arms; empty without loads."""
+    return " and ".join(f"{load.carrier} {load.held.name}" for load in loads)
+
+
+@dataclass(frozen=True)
+class TorqueSamples:
+    """Torques of all joints at instants with the same loads."""
+
+    time: FloatArray
+    """Times [s], shape (k,)."""
+    weight: FloatArray
+    """Trapezoidal weights of integrals over time [s], shape (k,)."""
+    position: FloatArray
+    """Positions [rad or m], shape (k, n)."""
+    velocity: FloatArray
+    """Velocities, shape (k, n)."""
+    torque: FloatArray
+    """Torques [N m or N], shape (k, n)."""
+    loads: tuple[Payload, ...]
+    """Loads of the arms."""
+
+
+def torque_samples(
+    dynamics: InverseDynamics, schedule: Schedule, job: Job
+) -> Iterator[TorqueSamples]:
+    """Compute torques over a whole motion, in parts with the same loads.
+
+    Args:
+        dynamics: of the job's cell.
+        schedule: with the events of all arms.
+        job: each task with the arm that did it.
+    """
+    trajectory = schedule.trajectory.select(job.cell.robot.joints)
+    loads, spans = _loads(schedule, job)
+    intervals = len(trajectory.time) - 1
+    for first in range(0, max(intervals, 1), SAMPLING.block):
+        part = slice(first, min(first + SAMPLING.block, intervals))
+        time, weight, (q, v, a) = _instants(trajectory, part)
+        # At the ends of a span the arm is at rest; there the load counts.
+        on_arm = np.array(
+            [_inside(time, load_spans) for load_spans in spans], dtype=np.bool_
+        ).reshape(len(loads), len(time))
+        for combination in np.unique(on_arm, axis=1).T:
+            rows = np.flatnonzero((on_arm == combination[:, None]).all(axis=0))
+            held = tuple(load for load, on in zip(loads, combination, strict=True) if on)
+            torques = dynamics.torques(q[rows], v[rows], a[rows], held)
+            yield TorqueSamples(time[rows], weight[rows], q[rows], v[rows], torques, held)
+
+
+def measured_torques(schedule: Schedule, job: Job) -> tuple[list[Peak], FloatArray]:
     """Measure the peak and the effective (RMS) torque of every joint.
 
     Args:
-        trajectory: the motion, joints in the robot's order.
         schedule: with the events of all arms.
         job: each task with the arm that did it.
 
     Returns:
         Peaks by joint, and effective torques over the motion [N m or N], shape (n,).
     """
-    robot, dynamics = job.cell.robot, InverseDynamics(job.cell)
+    robot = job.cell.robot
     units = ["N" if joint in robot.sliding else "Nm" for joint in robot.joints]
-    loads, spans = _loads(schedule, job)
-    count, intervals = len(robot.joints), len(trajectory.time) - 1
-    peaks, squares = [Peak(0.0, 0.0, (), unit) for unit in units], np.zeros(count)
-    for first in range(0, max(intervals, 1), SAMPLING.block):
-        part = slice(first, min(first + SAMPLING.block, intervals))
-        time, weight, (q, v, a) = _instants(trajectory, part)
-        # At the ends of a span the arm is at rest; there the load counts.
-        carried = np.array(
-            [_inside(time, load_spans) for load_spans in spans], dtype=np.bool_
-        ).reshape(len(loads), len(time))
-        for combination in np.unique(carried, axis=1).T:
-            rows = np.flatnonzero((carried == combination[:, None]).all(axis=0))
-            held = tuple(load for load, on in zip(loads, combination, strict=True) if on)
-            torques = np.abs(dynamics.torques(q[rows], v[rows], a[rows], held))
-            squares += product(weight[rows], np.square(torques))
-            for joint, row in enumerate(torques.argmax(axis=0)):
-                if not torques[row, joint] <= peaks[joint].torque:
-                    value, at = float(torques[row, joint]), float(time[rows[row]])
-                    peaks[joint] = Peak(value, at, held, units[joint])
-    return peaks, np.sqrt(squares / max(trajectory.duration, 1e-9))
+    peaks, squares = [Peak(0.0, 0.0, (), unit) for unit in units], np.zeros(len(units))
+    for samples in torque_samples(InverseDynamics(job.cell), schedule, job):
+        torques = np.abs(samples.torque)
+        squares += product(samples.weight, np.square(torques))
+        for joint, row in enumerate(torques.argmax(axis=0)):
+            if not torques[row, joint] <= peaks[joint].torque:
+                value, at = float(torques[row, joint]), float(samples.time[row])
+                peaks[joint] = Peak(value, at, samples.loads, units[joint])
+    return peaks, np.sqrt(squares / max(schedule.trajectory.duration, 1e-9))
 
 
 def _instants(

@@ -193,6 +193,28 @@ export function jointPlots(quantity, selected, all, timeWindow, size) {
   });
 }
 
+/**
+ * Create the plot of the torques of the selected joints, as shares of their efforts.
+ * @param {Plan} plan with torques
+ * @param {Joint[]} selected
+ * @param {import("./clock.js").TimeWindow} timeWindow
+ * @param {Size} size
+ */
+export function torquePlot(plan, selected, timeWindow, size) {
+  const { time, values, efforts } = /** @type {import("./types.js").Torques} */ (plan.torques);
+  const rows = selected.map((joint) => plan.joints.indexOf(joint));
+  const shares = rows.map((row) => values[row].map((value) => (100 * value) / efforts[row]));
+  return makePlot({
+    name: "torque",
+    title: "torque [% effort]",
+    timeWindow,
+    size,
+    series: selected.map((joint) => curveStyle(plan.joints, joint)),
+    limits: [-100, 100].map((value) => ({ value, colour: colour("muted") })),
+    data: () => /** @type {uPlot.AlignedData} */ ([time, ...shares]),
+  });
+}
+
 /** Curves of the tools, and the names of what each draws per arm. */
 export const TOOLS = /** @type {Object<string, string[]>} */ ({ "tool speed": ["speed"], "tool path": ["x", "y", "z"] });
 

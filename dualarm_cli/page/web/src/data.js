@@ -54,7 +54,8 @@ export function readPlan(text) {
     pair: u32(clearance.pair),
     points: f32(clearance.points),
   }));
-  return { ...raw, joints, hulls, clearances };
+  const torques = raw.torques && { ...raw.torques, time: f64(raw.torques.time), values: raw.torques.values.map(f32) };
+  return { ...raw, joints, hulls, clearances, torques };
 }
 
 /**

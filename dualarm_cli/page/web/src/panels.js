@@ -47,7 +47,8 @@ export function overview(plan, go) {
     figures.push(figure(fixed(report.parts_per_hour, 0), `parts per hour (${report.parts} per cycle)`));
   }
   if (report.lower_bound !== null) {
-    figures.push(figure(seconds(report.lower_bound), "lower bound: no plan of these stages is faster", "Proven; see the notes for what it assumes"));
+    const torque = report.torques ? "; torque limits keep it valid" : "";
+    figures.push(figure(seconds(report.lower_bound), `lower bound: no plan of these stages is faster${torque}`, "Proven; see the notes for what it assumes. Limits of torques only make plans slower"));
   }
   const closest = report.smallest_clearance;
   if (closest) {
@@ -70,6 +71,7 @@ export function overview(plan, go) {
     ...saved,
     ...budget(report),
     arms(report),
+    energy(plan),
     bottlenecks(plan),
     block("Settings", paragraph(settingsText(report))),
   ];
@@ -160,6 +162,19 @@ function arms(report) {
   return block("Time of the arms", table(["", ...names.map((name) => `${name} #`)], rows, () => {}));
 }
 
+/** Create the table of mechanical work, or why there is none. @param {Plan} plan */
+function energy({ report }) {
+  const check = report.verification?.checks.find((/** @type {any} */ row) => row.name === "torque");
+  const unknown = check?.verdict === "not checked" ? paragraph(`Torques are not limited: ${check.detail}.`) : null;
+  if (!report.torques) return unknown && block("Torques", unknown);
+  const names = Object.keys(report.torques.energy);
+  const rows = ["work", "braking", "net"].map((key) => ({
+    cells: [key, ...names.map((name) => `${fixed(report.torques.energy[name][key], 1)}\u202fJ`)],
+  }));
+  const text = "Mechanical work at the joints over the motion: positive work, work taken out in braking and lowering, and the difference. Losses of motors and gears are not included.";
+  return block("Energy", unknown, paragraph(text), table(["", ...names.map((name) => `${name} #`)], rows, () => {}));
+}
+
 /** Create the table of bottleneck joints. @param {Plan} plan */
 function bottlenecks({ report, joints }) {
   const counts = Object.entries(report.bottlenecks);
@@ -188,11 +203,19 @@ export function stages(plan, go) {
       fixed(stage.end - stage.start, 3),
       jointLabel(plan.joints, stage.bottleneck),
       clearances.has(i) ? fixed(clearances.get(i).clearance * 1e3, 1) : "–",
+      ...(plan.report.torques ? [stageTorque(plan, plan.report.stages[i]?.torque)] : []),
     ],
     time: stage.start,
   }));
-  const heads = ["#", "tasks", "start [s] #", "duration [s] #", "bottleneck", "clearance [mm] #"];
+  const heads = ["#", "tasks", "start [s] #", "duration [s] #", "bottleneck", "clearance [mm] #", ...(plan.report.torques ? ["most torque"] : [])];
   return [table(heads, rows, go)];
+}
+
+/** Describe the joint of a stage that is nearest to its effort. @param {Plan} plan @param {any} torque */
+function stageTorque(plan, torque) {
+  if (!torque) return "–";
+  const load = torque.carrying ? `, carrying ${torque.carrying}` : "";
+  return `${percent(torque.share, 0)} ${jointLabel(plan.joints, torque.joint)}${load}`;
 }
 
 /**
@@ -258,6 +281,7 @@ export function limits(plan, go) {
     return { cells: [jointLabel(plan.joints, joint.name), ...cells, joint.limits.source] };
   });
   const blocks = [block("Peak use of each limit", table(["joint", "velocity #", "acceleration #", "jerk #", "source"], used, go))];
+  if (report.torques) blocks.push(torques(plan, go));
   if (report.sensitivity?.length) {
     const rows = report.sensitivity.map((/** @type {any} */ row) => ({
       cells: [row.joint ? jointLabel(plan.joints, row.joint) : "all joints", row.limit, fixed(row.lower, 3), fixed(row.higher, 3)],
@@ -289,6 +313,29 @@ export function slowed(report) {
 export function limiting({ report, joints }) {
   const [first] = Object.entries(report.bottlenecks ?? {}).sort((a, b) => Number(b[1]) - Number(a[1]));
   return first ? `limited by ${jointLabel(joints, first[0])} in ${first[1]} of ${report.stages.length} stages` : "";
+}
+
+/** Create the table of torques. @param {Plan} plan @param {Go} go */
+function torques({ report, joints }, go) {
+  const rows = Object.entries(report.torques.joints).map(([name, row]) => ({
+    cells: [
+      jointLabel(joints, name),
+      `${significant(row.torque)} of ${significant(row.effort)}`,
+      percent(row.share, 0),
+      row.rated === null ? significant(row.effective) : `${significant(row.effective)} of ${significant(row.rated)}`,
+      row.carrying || "–",
+      row.acceleration_factor === null ? "–" : `${fixed(row.acceleration_factor, 1)}×`,
+    ],
+    time: row.time,
+  }));
+  const lower = report.torques.lower_effort;
+  const time = lower && (lower.cycle_time === null ? `${lower.joint} could not hold still` : seconds(lower.cycle_time));
+  const texts = [
+    "Largest and effective (RMS) torques, in N m or N. The last column is the factor by which the accelerations of this motion could rise until the joint reaches its effort.",
+    lower && `With efforts ${percent(lower.share, 0)} lower: ${time}, with the same motion slowed; new transfers may be faster.`,
+  ];
+  const heads = ["joint", "peak of effort", "share #", "effective", "carrying", "permits #"];
+  return block("Torques", ...texts.filter(Boolean).map((text) => paragraph(String(text))), table(heads, rows, go));
 }
 
 const VERDICTS = /** @type {Object<string, string>} */ ({ passed: "✓", failed: "✗", "not checked": "–" });

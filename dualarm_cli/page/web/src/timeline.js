@@ -1,13 +1,13 @@
 // Timeline: Gantt chart and curves on a common time axis with one cursor.
 
 import { DASHES, colour } from "./colours.js";
-import { TOOLS, clearancePlot, curveStyle, jointPlots, toolPlot } from "./curves.js";
+import { TOOLS, clearancePlot, curveStyle, jointPlots, toolPlot, torquePlot } from "./curves.js";
 import { armsOf } from "./data.js";
 import { button, element, lineSample, toggle } from "./dom.js";
 import { GUTTER, Gantt, LEGEND, MARGIN, drawLegendEntry, scaled } from "./gantt.js";
 import { jointLabel } from "./labels.js";
-import { QUANTITIES, stateAt } from "./trajectory.js";
-import { jointValue, millimetres } from "./units.js";
+import { QUANTITIES, countUpTo, stateAt } from "./trajectory.js";
+import { fixed, jointValue, millimetres } from "./units.js";
 import { clearanceAt, clearanceColour } from "./clearance.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
@@ -124,7 +124,7 @@ export class Timeline {
   }
 
   makeChoices() {
-    const names = [...QUANTITIES, ...Object.keys(TOOLS), ...(this.plan.clearances.length ? ["clearance"] : [])];
+    const names = [...QUANTITIES, ...(this.plan.torques ? ["torque"] : []), ...Object.keys(TOOLS), ...(this.plan.clearances.length ? ["clearance"] : [])];
     const quantities = names.map((name) =>
       toggle(name, `Show ${name} over time`, this.quantities.includes(name), (on) => {
         this.quantities = names.filter((n) => (n === name ? on : this.quantities.includes(n)));
@@ -240,7 +240,9 @@ export class Timeline {
         ? [clearancePlot(this.plan, this.timeWindow, size)]
         : name in TOOLS
           ? [toolPlot(this.plan, name, this.timeWindow, size)]
-          : jointPlots(/** @type {Quantity} */ (name), selected, this.plan.joints, this.timeWindow, size),
+          : name === "torque"
+            ? [torquePlot(this.plan, selected, this.timeWindow, size)]
+            : jointPlots(/** @type {Quantity} */ (name), selected, this.plan.joints, this.timeWindow, size),
     );
     this.plotArea.replaceChildren(...this.plots.map((plot) => plot.element));
     this.showSelected();
@@ -276,9 +278,15 @@ export class Timeline {
   }
 
   showReadings() {
-    const quantity = QUANTITIES.find((name) => this.quantities.includes(name)) ?? "position";
+    const quantities = QUANTITIES.filter((name) => this.quantities.includes(name));
+    const quantity = quantities[0] ?? "position";
     for (const { joint, clearance, reading } of this.selectedReadings ?? []) {
-      if (joint) {
+      if (joint && this.plan.torques && !quantities.length && this.quantities.includes("torque")) {
+        const { time, values } = this.plan.torques;
+        const k = Math.max(countUpTo(time, this.clock.time) - 1, 0);
+        const torque = values[this.plan.joints.indexOf(joint)][k];
+        reading.textContent = `${fixed(torque, 2)} ${joint.slides ? "N" : "N m"}`;
+      } else if (joint) {
         const value = stateAt(joint.knots, this.clock.time)[quantity];
         reading.textContent = jointValue(value, joint.slides, quantity);
       } else if (clearance) {

@@ -86,6 +86,13 @@
  */
 
 /**
+ * @typedef {object} Torques Samples of the torques of all joints.
+ * @property {Float64Array} time s; two samples at one time where a torque jumps
+ * @property {Float32Array[]} values by joint [N m, or N where it slides]
+ * @property {number[]} efforts largest torque of each joint
+ */
+
+/**
  * @typedef {object} Plan Data of the page.
  * @property {string} title
  * @property {string} robot
@@ -107,6 +114,7 @@
  * @property {Event[]} events
  * @property {Stage[]} stages
  * @property {Clearance[]} clearances of none, one or both groups
+ * @property {Torques | null} torques null where the robot has no efforts or masses
  * @property {any} report report.json as it is
  */
 
