@@ -22,7 +22,7 @@ class LengthScaling:
     min_rounds: int = 3
     """Minimum number of polishing rounds of a short sequence, before they are multiplied."""
     further_grids_factor: int = 4
-    """Factor from which a sequence gets the grids for short ones, and a local grid at any effort."""
+    """Factor from which a sequence gets further grids, and at least one local grid."""
 
     def damping(self, stages: int) -> float:
         """Compute the damping of thresholds: 1 up to `long`, less in longer sequences."""
@@ -108,7 +108,10 @@ class SearchEffort:
     refinements: int = 0
     """Number of refinements of the collision-free plan, each checked exactly."""
     refined: int | None = None
-    """Number of stages up to which it is refined, of arms with arm angles alone; None for all plans."""
+    """Maximum number of refined stages, or None.
+
+    With a maximum, plans of arms without arm angles are not refined.
+    """
     refinement_rounds: int = 8
     """Rounds of random steps in each refinement; more for short sequences."""
     for_few: tuple[Mesh, ...] = ()
