@@ -5,7 +5,7 @@ Shapes, coordinates and search are as timing/line_profile.py and timing/launch.p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -120,30 +120,47 @@ def first_least(times):
 
 def taken(shapes, index):
     """Returns one of some shapes."""
-    names = ("start", "start_jerk", "end", "end_jerk")
-    return Shapes(*(getattr(shapes, name)[[index]] for name in names))
+    return Shapes(*(getattr(shapes, field.name)[[index]] for field in fields(Shapes)))
 
 
 def best_shape(paths):
     """Returns the index of the best coordinate and the best shape along it."""
     grid = symmetric_grid(SEARCH_RAMPS, SEARCH_JERKS)
-    g = len(grid.start)
-    times = np.concatenate([paths.scaled_time(grid, np.full(g, c)) for c in range(3)])
-    coordinate, index = divmod(first_least(times * np.repeat(HANDICAP, g)), g)
-    best = taken(grid, index)
-    pairs = [[1, 1, 0, 0], [1, -1, 0, 0], [0, 0, 1, 1], [1, 1, 1, 1], [1, 1, -1, -1]]
-    steps = np.vstack([np.eye(4), pairs])
-    steps = np.vstack([np.zeros((1, 4)), steps, -steps])
-    for k in range(3):
-        change = np.array([1.4, 1.4, 2.5, 2.5]) ** (0.5**k * steps)
-        start = np.clip(best.start * change[:, 0], 0.02, 0.9)
-        end = np.clip(best.end * change[:, 1], 0.02, 0.9)
-        long = np.maximum(start + end, 1.0)
-        start_jerk = np.clip(best.start_jerk * change[:, 2], 0.02, 0.5)
-        end_jerk = np.clip(best.end_jerk * change[:, 3], 0.02, 0.5)
-        shapes = Shapes(start / long, start_jerk, end / long, end_jerk)
-        best = taken(shapes, first_least(paths.scaled_time(shapes, np.full(19, coordinate))))
-    return coordinate, best
+    best = np.inf, 0, None
+    for coordinate, handicap in enumerate(HANDICAP):
+        times = paths.scaled_time(grid, np.full(len(grid.start), coordinate))
+        index = first_least(times)
+        if times[index] < 1.05 * best[0] / handicap:
+            shape, time = varied(paths, coordinate, taken(grid, index), times[index])
+            if time * handicap < best[0] * (1.0 - TIE):
+                best = time * handicap, coordinate, shape
+    return best[1:]
+
+
+def varied(paths, coordinate, shape, time):
+    """Returns the best variation of a shape and its time: each that is shorter is varied further."""
+    random = 1
+    for k in range(8):
+        steps = np.empty((48, 6))
+        for place in np.ndindex(steps.shape):
+            random = (random * 1664525 + 1013904223) % 2**32
+            steps[place] = (random >> 16) % 3 - 1
+        tried = 0
+        while tried < len(steps):
+            change = np.array([1.4, 2.5, 2.5] * 2) ** (0.5**k * steps[tried:])
+            now = np.array([getattr(shape, field.name)[0] for field in fields(Shapes)])
+            parts = np.clip(now * change, 0.02, 0.9).T
+            for pair, full in (([0, 3], 0.98), ([1, 2], 0.95), ([4, 5], 0.95)):
+                both = parts[pair].sum(axis=0)
+                parts[pair] /= np.where(both > full, both, 1.0)
+            shapes = Shapes(*parts)
+            times = paths.scaled_time(shapes, np.full(len(change), coordinate))
+            shorter = np.flatnonzero(times < time * (1.0 - TIE))
+            if not len(shorter):
+                break
+            shape, time = taken(shapes, shorter[0]), times[shorter[0]]
+            tried += int(shorter[0]) + 1
+    return shape, time
 
 
 def way_of(shape, time):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
@@ -50,64 +52,57 @@ def differentiation_matrix(nodes: FloatArray) -> FloatArray:
 class Shapes:
     """Double-S shapes, g of them; each has its own start and end ramp.
 
-    A ramp takes a share of the time, and its two jerk phases take a share of the ramp each (0.5: no phase of
-    constant acceleration). Between the ramps the speed is constant.
+    A ramp takes a share of the time, and its two jerk phases take shares of the ramp; together 1: no phase of
+    constant acceleration. Between the ramps the speed is constant.
     """
 
     start: FloatArray
     """Fraction of the time in which the speed rises, shape (g,)."""
     start_jerk: FloatArray
-    """Fraction of the start ramp per jerk phase, at most 0.5, shape (g,)."""
+    """Fraction of the start ramp in which the acceleration rises, shape (g,)."""
+    start_inner: FloatArray
+    """Fraction of the start ramp in which the acceleration falls, shape (g,)."""
     end: FloatArray
     """Fraction of the time in which the speed falls, shape (g,).
 
     start + end <= 1.
     """
     end_jerk: FloatArray
-    """Fraction of the end ramp per jerk phase, at most 0.5, shape (g,)."""
+    """Fraction of the end ramp in which the deceleration falls, shape (g,)."""
+    end_inner: FloatArray
+    """Fraction of the end ramp in which the deceleration rises, shape (g,)."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("start", "start_jerk", "end", "end_jerk"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
-
-    @property
-    def peak(self) -> FloatArray:
-        """Speed between the ramps, shape (g,)."""
-        return 1.0 / (1.0 - (self.start + self.end) / 2.0)
+        for field in fields(self):
+            object.__setattr__(self, field.name, readonly(getattr(self, field.name)))
 
     def breakpoints(self) -> FloatArray:
         """Compute the eight borders of the seven phases, shape (g, 8)."""
-        j1, j2 = self.start * self.start_jerk, self.end * self.end_jerk
-        edges = np.zeros((len(j1), 8))
-        edges[:, 1], edges[:, 2], edges[:, 3] = j1, self.start - j1, self.start
-        edges[:, 4], edges[:, 5], edges[:, 6] = 1.0 - self.end, 1.0 - self.end + j2, 1.0 - j2
-        edges[:, 7] = 1.0
+        r1, r2, edges = self.start, self.end, np.zeros((len(self.start), 8))
+        edges[:, 1], edges[:, 2], edges[:, 3] = r1 * self.start_jerk, r1 - r1 * self.start_inner, r1
+        edges[:, 4], edges[:, 5] = 1.0 - r2, 1.0 - r2 + r2 * self.end_inner
+        edges[:, 6], edges[:, 7] = 1.0 - r2 * self.end_jerk, 1.0
         return edges
 
     def phases(self) -> FloatArray:
         """Compute progress, speed, acceleration and jerk at phase starts, shape (4, g, 7).
 
-        A ramp of length r with jerk phases of length x rises to the peak speed p with the acceleration
-        a = p / (r - x): it gains a x/2 in its first phase, as much in its last, and covers p r/2,
-        a x²/6 of it in the first phase and p x - a x²/6 in the last.
+        A ramp of length r with jerk phases of lengths x and y rises to the speed 1 with the acceleration
+        a = 1 / (r - (x + y)/2). The phases are integrated, and scaled to a distance of 1.
         """
-        p, r1, r2 = self.peak, self.start, self.end
-        x1, x2 = r1 * self.start_jerk, r2 * self.end_jerk
-        a1, a2 = p / (r1 - x1), p / (r2 - x2)
-        gain1, gain2 = a1 * x1 / 2.0, a2 * x2 / 2.0
-        first1, first2 = gain1 * x1 / 3.0, gain2 * x2 / 3.0
-        state = np.zeros((4, len(p), 7))
-        s, v, a, j = state
-        s[:, 1], s[:, 2], s[:, 3] = first1, p * (r1 / 2.0 - x1) + first1, p * r1 / 2.0
-        s[:, 4], s[:, 5] = 1.0 - p * r2 / 2.0, 1.0 - p * (r2 / 2.0 - x2) - first2
-        s[:, 6] = 1.0 - first2
-        v[:, 1], v[:, 2], v[:, 3], v[:, 4] = gain1, p - gain1, p, p
-        v[:, 5], v[:, 6] = p - gain2, gain2
-        a[:, 1] = a[:, 2] = a1
-        a[:, 5] = a[:, 6] = -a2
-        j[:, 0], j[:, 2], j[:, 4], j[:, 6] = a1 / x1, -a1 / x1, -a2 / x2, a2 / x2
-        return state
+        r1, r2 = self.start, self.end
+        x1, y1 = r1 * self.start_jerk, r1 * self.start_inner
+        x2, y2 = r2 * self.end_jerk, r2 * self.end_inner
+        a1, a2 = 1.0 / (r1 - (x1 + y1) / 2.0), 1.0 / (r2 - (x2 + y2) / 2.0)
+        jerk = np.zeros((7, len(r1)))
+        jerk[0], jerk[2], jerk[4], jerk[6] = a1 / x1, -a1 / y1, -a2 / y2, a2 / x2
+        state = np.zeros((4, len(r1), 7))
+        at = np.zeros((3, len(r1)))
+        for phase, length in enumerate(np.diff(self.breakpoints()).T):
+            state[:, :, phase] = *at, jerk[phase]
+            at = np.array(_advance(state[:, :, phase], length)[:3])
+        return state / at[0][:, None]
 
     def within_phases(
         self, per_phase: int
@@ -167,4 +162,4 @@ def _advance(
 def symmetric_grid(ramps: FloatArray, jerks: FloatArray) -> Shapes:
     """Build all symmetric shapes of given ramp fractions (at most 0.5) and jerk fractions."""
     ramp, jerk = (grid.ravel() for grid in np.meshgrid(ramps, jerks, indexing="ij"))
-    return Shapes(ramp, jerk, ramp, jerk)
+    return Shapes(ramp, jerk, jerk, ramp, jerk, jerk)

@@ -14,9 +14,9 @@ def random_shapes(count=200):
     start = rng.uniform(0.02, 0.9, count)
     end = rng.uniform(0.02, 1.0, count) * (1 - start)
     end[::5] = 1 - start[::5]
-    jerks = rng.uniform(0.02, 0.5, (2, count))
-    jerks[:, ::3] = 0.5
-    return Shapes(start, jerks[0], end, jerks[1])
+    jerks = rng.uniform(0.02, 0.5, (4, count))
+    jerks[1::2, ::3] = 1.0 - jerks[::2, ::3]
+    return Shapes(start, *jerks[:2], end, *jerks[2:])
 
 
 def test_each_rate_is_the_integral_of_the_next():
@@ -54,3 +54,17 @@ def test_the_symmetric_shape_is_the_one_by_hand():
     # The first jerk phase ends after a sixth of the time; the fourth phase has the peak speed.
     assert acceleration[0, 1] == pytest.approx(9.0)
     assert [speed[0, 1], speed[0, 6]] == pytest.approx([0.75, 1.5])
+
+
+def test_unequal_jerk_phases_are_those_by_hand():
+    """Ramps of 1/2 with jerk phases of 1/8 and 3/8 reach the speed 1 with 1 / (1/2 - 1/4) = 4.
+
+    They cover 4/8²/6 = 1/96 and 3/8 - 4 (3/8)²/6 = 27/96 each: 7/12 together, so all rates are 12/7 as high.
+    """
+    half, first, second = np.array([0.5]), np.array([0.25]), np.array([0.75])
+    shape = Shapes(half, first, second, half, first, second)
+    progress, speed, acceleration, jerk = shape.phases()[:, 0]
+    assert progress[[1, 2, 3]] == pytest.approx([1 / 56, 1 / 56, 0.5])
+    assert speed[[1, 3, 6]] == pytest.approx(np.array([0.25, 1.0, 0.25]) * 12 / 7)
+    assert acceleration[[1, 6]] == pytest.approx([48 / 7, -48 / 7])
+    assert jerk[[0, 2, 4, 6]] == pytest.approx(np.array([32, -32 / 3, -32 / 3, 32]) * 12 / 7)

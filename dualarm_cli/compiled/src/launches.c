@@ -27,18 +27,9 @@ static void launch_phases(Launch launch, double *length, State *state)
         length[p] = clamp(full_length[p] - (end - cut_length), 0.0, full_length[p]);
         sum += length[p];
     }
-    State at = {0.0, 0.0, 0.0, 0.0};
-    for (int p = 0; p < PHASES; p++) {
+    for (int p = 0; p < PHASES; p++)
         length[p] /= sum;
-        /* A phase of zero duration has no jerk. */
-        at.jerk = length[p] > 0.0 ? jerk[p] : 0.0;
-        state[p] = at;
-        at = advance(at, length[p]);
-    }
-    state[PHASES] = at;
-    for (int p = 0; p <= PHASES; p++)
-        state[p] = (State){state[p].position / at.position, state[p].speed / at.position,
-                           state[p].acceleration / at.position, state[p].jerk / at.position};
+    states_of_phases(length, jerk, state);
 }
 
 /* Compute the least duration of a launch along a path coordinate [s].

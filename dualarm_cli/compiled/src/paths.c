@@ -136,6 +136,20 @@ static void invert_coordinate(double *slope, int64_t samples, double *scratch, d
     fraction[samples - 1] = 1.0;
 }
 
+void states_of_phases(const double *length, const double *jerk, State *state)
+{
+    State at = {0.0, 0.0, 0.0, 0.0};
+    for (int p = 0; p < PHASES; p++) {
+        at.jerk = length[p] > 0.0 ? jerk[p] : 0.0;
+        state[p] = at;
+        at = advance(at, length[p]);
+    }
+    state[PHASES] = at;
+    for (int p = 0; p <= PHASES; p++)
+        state[p] = (State){state[p].position / at.position, state[p].speed / at.position,
+                           state[p].acceleration / at.position, state[p].jerk / at.position};
+}
+
 int measure_path(const Path *path, Measures *measures)
 {
     const int64_t m = path->samples, n = path->joints, s = (n + LANES - 1) / LANES * LANES;

@@ -66,6 +66,11 @@ static inline State advance(State from, double dt)
     return (State){s + dt * (v + dt * (a / 2.0 + dt * j / 6.0)), v + dt * (a + dt * j / 2.0), a + dt * j, j};
 }
 
+/* Integrate phases of constant jerk from rest, scaled to distance 1; those of length zero have no jerk.
+
+   state: at the starts of the phases and at the end, (8,). */
+void states_of_phases(const double *length, const double *jerk, State *state);
+
 /* Compute the derivatives of a path along all its coordinates. Returns 0, or 1 if out of memory. */
 int measure_path(const Path *path, Measures *measures);
 /* Free the memory of `measure_path`. */

@@ -8,30 +8,25 @@
 #include <string.h>
 
 /* Double-S shape: fractions of the duration taken by the ramps at start and end, and fractions of each ramp taken by
-   each of its jerk phases. */
+   its jerk phase next to rest and by its inner one, next to the constant speed. */
 typedef struct {
-    double start, start_jerk, end, end_jerk;
+    double start, start_jerk, start_inner, end, end_jerk, end_inner;
 } Shape;
 
-/* Compute the boundaries of the phases, (8,), and the states at their starts, (7,), as timing/shapes.py. */
+/* Compute the boundaries of the phases and the states there, (8,) each, as timing/shapes.py. */
 static void shape_phases(Shape shape, double *boundary, State *state)
 {
     const double r1 = shape.start, r2 = shape.end, x1 = r1 * shape.start_jerk, x2 = r2 * shape.end_jerk;
-    const double p = 1.0 / (1.0 - (r1 + r2) / 2.0), a1 = p / (r1 - x1), a2 = p / (r2 - x2);
-    const double speed1 = a1 * x1 / 2.0, speed2 = a2 * x2 / 2.0;
-    const double distance1 = speed1 * x1 / 3.0, distance2 = speed2 * x2 / 3.0;
-    const double boundaries[PHASES + 1] = {0.0, x1, r1 - x1, r1, 1.0 - r2, 1.0 - r2 + x2, 1.0 - x2, 1.0};
-    const State states[PHASES] = {
-        {0.0, 0.0, 0.0, a1 / x1},
-        {distance1, speed1, a1, 0.0},
-        {p * (r1 / 2.0 - x1) + distance1, p - speed1, a1, -a1 / x1},
-        {p * r1 / 2.0, p, 0.0, 0.0},
-        {1.0 - p * r2 / 2.0, p, 0.0, -a2 / x2},
-        {1.0 - p * (r2 / 2.0 - x2) - distance2, p - speed2, -a2, 0.0},
-        {1.0 - distance2, speed2, -a2, a2 / x2},
-    };
+    const double y1 = r1 * shape.start_inner, y2 = r2 * shape.end_inner;
+    /* Accelerations with which both ramps reach the speed 1. */
+    const double a1 = 1.0 / (r1 - (x1 + y1) / 2.0), a2 = 1.0 / (r2 - (x2 + y2) / 2.0);
+    const double boundaries[PHASES + 1] = {0.0, x1, r1 - y1, r1, 1.0 - r2, 1.0 - r2 + y2, 1.0 - x2, 1.0};
+    const double jerk[PHASES] = {a1 / x1, 0.0, -a1 / y1, 0.0, -a2 / y2, 0.0, a2 / x2};
+    double length[PHASES];
+    for (int p = 0; p < PHASES; p++)
+        length[p] = boundaries[p + 1] - boundaries[p];
+    states_of_phases(length, jerk, state);
     memcpy(boundary, boundaries, sizeof boundaries);
-    memcpy(state, states, sizeof states);
 }
 
 /* Compute the least duration of a shape [s], infinite if it is `max_time` or more.
@@ -40,7 +35,7 @@ static void shape_phases(Shape shape, double *boundary, State *state)
 static double shape_time(const Path *path, const Measures *measures, int64_t coordinate, Shape shape, double max_time)
 {
     double boundary[PHASES + 1], time = 0.0;
-    State state[PHASES];
+    State state[PHASES + 1];
     shape_phases(shape, boundary, state);
     Peaks peaks = start_peaks(path, measures, coordinate);
     for (int p = 0; p < PHASES; p++) {
@@ -57,60 +52,74 @@ static double shape_time(const Path *path, const Measures *measures, int64_t coo
     return time;
 }
 
-/* Search the fastest shape and its path coordinate.
+/* Divide the fractions of two neighbouring parts by their sum if they leave nothing between them, or almost nothing: a
+   short phase between longer ones has knots so close that the spline overshoots. */
+static void fill(double *first, double *second, double full)
+{
+    const double sum = *first + *second > full ? *first + *second : 1.0;
+    *first /= sum;
+    *second /= sum;
+}
 
-   First a grid of symmetric shapes along every coordinate, then variations of the four fractions of the best one. */
-static Shape best_shape(const Path *path, const Measures *measures, int64_t *coordinate)
+/* Scale the fractions of a shape by factors, (6,). */
+static Shape varied(Shape shape, const double *factor)
+{
+    const double min_fraction = 0.02, max_fraction = 0.9;
+    double *fraction[] = {&shape.start, &shape.start_jerk, &shape.start_inner,
+                          &shape.end,   &shape.end_jerk,   &shape.end_inner};
+    for (int i = 0; i < 6; i++)
+        *fraction[i] = clamp(*fraction[i] * factor[i], min_fraction, max_fraction);
+    fill(&shape.start, &shape.end, 0.98);
+    fill(&shape.start_jerk, &shape.start_inner, 0.95);
+    fill(&shape.end_jerk, &shape.end_inner, 0.95);
+    return shape;
+}
+
+/* Search the fastest shape along a path coordinate; return its duration [s].
+
+   First a grid of symmetric shapes, then random variations of the six fractions of the best one, always the same.
+
+   max_time: least duration along another coordinate [s]. A grid that is much slower is not varied: infinity. */
+static double best_shape(const Path *path, const Measures *measures, int64_t coordinate, Shape *best, double max_time)
 {
     static const double ramps[] = {0.5, 0.42, 0.34, 0.25, 0.17, 0.1}, jerks[] = {0.5, 0.35, 0.2, 0.08};
-    /* Factors on the times of the coordinates: those of the third, rougher one are too short with few samples. */
-    static const double penalty[COORDINATES] = {1.0, 1.0, 1.005};
-    /* Each fraction alone, both ramps in the same and in opposite directions, both jerk fractions in the same
-       direction, and all four. */
-    static const int variation[][4] = {{1, 0, 0, 0}, {0, 1, 0, 0},  {0, 0, 1, 0}, {0, 0, 0, 1},  {1, 1, 0, 0},
-                                       {1, -1, 0, 0}, {0, 0, 1, 1}, {1, 1, 1, 1}, {1, 1, -1, -1}};
-    enum { VARIATIONS = sizeof variation / sizeof *variation, ROUNDS = 3 };
-    /* Least fractions of the duration for a ramp, and of a ramp for each of its jerk phases. */
-    const double min_ramp = 0.02, min_jerk = 0.02;
-    Shape best = {0.5, 0.5, 0.5, 0.5};
-    double min_time = INFINITY;
-    *coordinate = 0;
-    for (int64_t c = 0; c < COORDINATES; c++)
-        for (size_t r = 0; r < sizeof ramps / sizeof *ramps; r++)
-            for (size_t j = 0; j < sizeof jerks / sizeof *jerks; j++) {
-                const Shape candidate = {ramps[r], jerks[j], ramps[r], jerks[j]};
-                const double time = shape_time(path, measures, c, candidate, min_time / penalty[c]) * penalty[c];
-                if (time < min_time * (1.0 - 1e-12)) {
-                    min_time = time;
-                    best = candidate;
-                    *coordinate = c;
-                }
-            }
-    min_time /= penalty[*coordinate];
-    /* Factors on ramps and jerk phases in the first round; each following round takes their square roots. */
-    double factors[2] = {1.4, 2.5};
-    for (int round = 0; round < ROUNDS; round++) {
-        const Shape base = best;
-        for (int k = 0; k < 2 * VARIATIONS; k++) {
-            double factor[4];
-            for (int i = 0; i < 4; i++) {
-                const int up = k < VARIATIONS ? variation[k][i] : -variation[k - VARIATIONS][i];
-                factor[i] = up > 0 ? factors[i / 2] : up < 0 ? 1.0 / factors[i / 2] : 1.0;
-            }
-            const double start = clamp(base.start * factor[0], min_ramp, 0.9);
-            const double end = clamp(base.end * factor[1], min_ramp, 0.9), total = larger(start + end, 1.0);
-            const Shape candidate = {start / total, clamp(base.start_jerk * factor[2], min_jerk, 0.5), end / total,
-                                     clamp(base.end_jerk * factor[3], min_jerk, 0.5)};
-            const double time = shape_time(path, measures, *coordinate, candidate, min_time);
+    enum { ROUNDS = 8, TRIES = 48 };
+    const double worth_varying = 1.05; /* largest ratio of the grid's fastest shape to `max_time` */
+    double min_time = max_time * worth_varying;
+    for (size_t r = 0; r < sizeof ramps / sizeof *ramps; r++)
+        for (size_t j = 0; j < sizeof jerks / sizeof *jerks; j++) {
+            const Shape candidate = {ramps[r], jerks[j], jerks[j], ramps[r], jerks[j], jerks[j]};
+            const double time = shape_time(path, measures, coordinate, candidate, min_time);
             if (time < min_time * (1.0 - 1e-12)) {
                 min_time = time;
-                best = candidate;
+                *best = candidate;
             }
         }
-        factors[0] = sqrt(factors[0]);
-        factors[1] = sqrt(factors[1]);
+    if (min_time == max_time * worth_varying)
+        return INFINITY;
+    /* Factors on ramps and jerk phases in the first round; each following round takes their square roots. Every try
+       multiplies, divides or keeps each fraction. */
+    double factors[2] = {1.4, 2.5};
+    uint32_t random = 1;
+    for (int round = 0; round < ROUNDS; round++) {
+        for (int k = 0; k < TRIES; k++) {
+            double factor[6];
+            for (int i = 0; i < 6; i++) {
+                random = random * 1664525u + 1013904223u;
+                const int up = (int)((random >> 16) % 3) - 1;
+                factor[i] = up > 0 ? factors[i % 3 > 0] : up < 0 ? 1.0 / factors[i % 3 > 0] : 1.0;
+            }
+            const Shape candidate = varied(*best, factor);
+            const double time = shape_time(path, measures, coordinate, candidate, min_time);
+            if (time < min_time * (1.0 - 1e-12)) {
+                min_time = time;
+                *best = candidate;
+            }
+        }
+        for (int i = 0; i < 2; i++)
+            factors[i] = sqrt(factors[i]);
     }
-    return best;
+    return min_time;
 }
 
 /* Place at least `min_knots` knots in [0, 1], at the ends of all phases and evenly within; return their number.
@@ -119,7 +128,7 @@ static Shape best_shape(const Path *path, const Measures *measures, int64_t *coo
 static int64_t shape_knots(Shape shape, int64_t min_knots, double *time, double *distance)
 {
     double boundary[PHASES + 1];
-    State state[PHASES];
+    State state[PHASES + 1];
     int nonempty[PHASES], count = 0;
     int64_t knots = 0;
     shape_phases(shape, boundary, state);
@@ -150,8 +159,20 @@ int64_t rest_line(const Path *path, int64_t min_knots, const Motion *motion)
         free(distance);
         return 0;
     }
-    int64_t coordinate;
-    const Shape shape = best_shape(path, &measures, &coordinate);
+    /* Factors on the times of the coordinates: those of the third, rougher one are too short with few samples. */
+    static const double penalty[COORDINATES] = {1.0, 1.0, 1.005};
+    Shape shape = {0.5, 0.5, 0.5, 0.5, 0.5, 0.5};
+    int64_t coordinate = 0;
+    double min_time = INFINITY;
+    for (int64_t c = 0; c < COORDINATES; c++) {
+        Shape candidate;
+        const double time = best_shape(path, &measures, c, &candidate, min_time / penalty[c]) * penalty[c];
+        if (time < min_time * (1.0 - 1e-12)) {
+            min_time = time;
+            shape = candidate;
+            coordinate = c;
+        }
+    }
     const int64_t knots = shape_knots(shape, min_knots, motion->time, distance);
     const double *fraction = measures.fraction + coordinate * path->samples;
     const int failed = spline_along_path(path, fraction, distance, knots, NULL, *motion);
