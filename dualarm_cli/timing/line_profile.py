@@ -48,9 +48,10 @@ def solve_line(problem: LineProblem) -> Trajectory:
 
     Double-S shapes are tried along the path coordinates. Each is scaled in time until velocity, acceleration and jerk
     of every joint keep their limits; the fastest is chosen. Along every coordinate symmetric shapes are first, then
-    variations of the best one, in which each jerk phase has its own length: another joint may limit it. The joints pass through the path at the knots on a cubic spline, and time is scaled
-    again by the spline's own exact extrema. A limit of tool speed is a velocity limit of one more joint, the path
-    length. The method is ours; of 70 lines the median is 0.5 % slower than the optimum over all profiles, the worst 4 %.
+    variations of the best one, with jerk phases of different lengths: each may have another limiting joint. The joints
+    pass through the path at the knots on a cubic spline, and time is scaled again by the spline's own exact extrema. A
+    limit of tool speed is a velocity limit of one more joint, the path length. The method is ours. The optimum over
+    all profiles is 0.5 % shorter in the median of 70 lines, at most 4 %.
 
     A line without joint motion takes no time.
     """
