@@ -83,7 +83,8 @@ def main() -> None:
     print(
         f"{robot.name}, {given.mass:g} kg: {len(ratios)} transfers beyond their torques, {refused} without another "
         f"shape; time / IPOPT's optimum: median {np.nanmedian(optimal):.3f}, worst {np.nanmax(optimal):.3f}, "
-        f"{np.isnan(optimal).sum()} without one; time / ruckig's without torques: mean {np.mean(ratios):.3f}, median {np.median(ratios):.3f}, worst "
+        f"{np.isnan(optimal).sum()} without one; "
+        f"time / ruckig's without torques: mean {np.mean(ratios):.3f}, median {np.median(ratios):.3f}, worst "
         f"{max(ratios):.3f}; {np.mean(seconds):.2f} s of processor time each"
     )
 
