@@ -10,14 +10,16 @@ which all arms of the stage reach both ends of their lines, so that these cells 
 - approach, dwell and retract take at least the dwell plus the larger of two times: the bound of the lines
   (`pose_cells`), and the rest-to-rest time between the two cells (two consecutive rest-to-rest motions take no less
   than a single one);
-- a stage lasts as long as the slower arm, so at least the least time of the other arm over all its postures in the
-  same two platform cells;
+- where arms begin a stage together, it lasts as long as the slower arm, so at least the least time of the other arm
+  over all its postures in the same two platform cells. Elsewhere arms begin their transfers at different times; the
+  platform leaves a stage when the last arm has finished it, and lines begin when the platform has arrived;
 - a path or seam makes two stages, the first up to its begin, the second along it. Its arms reach its end without a
   transfer, and leave it from any posture if their poses there are unknown (`OtherWork`).
 
-The least sum over all sequences of cells is computed backwards, stage by stage and arm by arm. From each stage on the
-larger sum of the two arms is a bound, because a plan takes as long as either arm needs from there. Our own method; the
-idea to bound pairs of cells instead of nodes comes from interval methods.
+The least remaining time from every cell is computed backwards, stage by stage and arm by arm. From a stage that arms
+begin together a plan takes as long as either arm needs from the same platform cell. Elsewhere it takes as long as the
+arm needs, and as long as the platform's motion and then the other arm need. Our own method; the idea to bound pairs of cells
+instead of nodes comes from interval methods.
 """
 
 from __future__ import annotations
@@ -28,14 +30,13 @@ import numpy as np
 
 from dualarm_cli.bound.layers import StopCells, StopWork
 from dualarm_cli.effort import EFFORTS, Resolution
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import TURN
-from dualarm_cli.model.rest_to_rest import at_rest
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.times import TransferChain
-from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
+from dualarm_cli.stages.search.potentials import platform_columns
 from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
 
 bound_note = NoteTable(
@@ -94,15 +95,15 @@ class OtherWork:
     """Earliest begin of each stage [s], shape (n,)."""
     moved: BoolArray
     """Mask of arms that end a stage by a path or seam, (arms, n)."""
-    at_rest: BoolArray
-    """Mask of stages whose stops are at rest even with blending, shape (n,)."""
+    together: BoolArray
+    """Mask of stages that all arms begin and end together, shape (n,)."""
 
     @classmethod
     def none(cls, problem: SequenceProblem) -> OtherWork:
         """Make the data of a sequence without paths and seams."""
         n = problem.stages
         moved = np.zeros((len(problem.arms), n), dtype=np.bool_)
-        return cls(np.zeros(n), np.zeros(n), moved, np.zeros(n, dtype=np.bool_))
+        return cls(np.zeros(n), np.zeros(n), moved, np.ones(n, dtype=np.bool_))
 
 
 @dataclass
@@ -112,8 +113,6 @@ class _Arm:
     index: int
     """Number of the arm in the sequence."""
     table: TransferTable
-    table_at_rest: TransferTable
-    """Transfer times from rest to rest, without blending."""
     chain: TransferChain
     here: StopWork | None = None
     """Last stop before the processed stages, or None."""
@@ -122,16 +121,35 @@ class _Arm:
 
     Beyond the common part of both arms; shape (1,) without a stop.
     """
+    turned: Times = field(default_factory=lambda: np.zeros(1, dtype=np.float32))
+    """Least remaining time after retracts from the target to these cells [s], shape (n,).
 
-    @classmethod
-    def of(
-        cls, problem: SequenceProblem, index: int, table: TransferTable, works: OtherWork
-    ) -> _Arm:
-        """Make the state of an arm after its last stage."""
-        work, table_at_rest = problem.arms[index], table
-        if works.at_rest.any():
-            table_at_rest = transfer_table(problem, replace(work, law=at_rest(work.law)))
-        return cls(index, table, table_at_rest, TransferChain.of(work))
+    Joints that turn back from a retract to a transfer count.
+    """
+    stage: int = -1
+    """Stage of `here`."""
+
+    def cells_in(self, stage: int) -> IntArray:
+        """Select the platform cells of the remaining times, shape (n,).
+
+        Empty unless `here` is in the stage.
+        """
+        if self.here is None or self.stage != stage:
+            return np.zeros(0, dtype=np.int64)
+        return self.here.retract.index
+
+    def least_by_cell(self, stage: int, cells: int) -> Times:
+        """Select the least remaining time by platform cell of a stage [s], shape (g,)."""
+        least = np.full(cells, self.remaining.min(initial=np.inf), dtype=np.float32)
+        present, first = np.unique(self.cells_in(stage), return_index=True)
+        if len(present):
+            least[present] = np.minimum.reduceat(self.remaining, first)
+        return least
+
+    def raise_to(self, least: Times | np.float32) -> None:
+        """Raise the remaining times to a bound [s], broadcast to shape (n,)."""
+        self.remaining = np.maximum(self.remaining, least)
+        self.turned = np.maximum(self.turned, least)
 
 
 @dataclass(frozen=True)
@@ -143,8 +161,22 @@ class _Stage:
     consecutive: bool
     """Flag of a transfer that begins in the directly preceding stage."""
     work: StopWork
-    by_cells: Times
-    """Least stage duration by pair of platform cells [s], shape (g, g), or infinite."""
+
+    def by_cells(self, cells: int) -> Times:
+        """Compute the least stage duration by pair of platform cells [s], shape (g, g), or infinite."""
+        if self.pairs is None:
+            return np.tile(_least_by_cell(self.work, self.work.least, cells), (cells, 1))
+        zero = np.zeros(len(self.work.retract.index), dtype=np.float32)
+        times = self.pairs.by_cells(self.work.least, self.work.onward(zero, zero), cells)
+        return times if self.consecutive else np.tile(times[0], (cells, 1))
+
+
+def _least_by_cell(work: StopWork, times: Times, cells: int) -> Times:
+    """Select the least time of approach cells by platform cell [s], shape (g,), or infinite."""
+    least = np.full(cells, np.inf, dtype=np.float32)
+    present, first = np.unique(work.approach.index, return_index=True)
+    least[present] = np.minimum.reduceat(times, first)
+    return least
 
 
 def lower_bound(
@@ -192,7 +224,9 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
     """Compute the bound [s] by a backward pass over the stages."""
     edges = platform_edges(problem, resolution.step)
     cells = StopCells(problem, edges, resolution)
-    arms = [_Arm.of(problem, a, table, works) for a, table in enumerate(cells.tables)]
+    arms = [
+        _Arm(a, table, TransferChain.of(problem.arms[a])) for a, table in enumerate(cells.tables)
+    ]
     pending: dict[tuple[int, int], StopWork] = {}
 
     def work_of(a: int, stage: int) -> StopWork | None:
@@ -204,10 +238,12 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
 
     for a, arm in enumerate(arms):
         if len(arm.chain.active):
-            arm.here = work_of(a, int(arm.chain.active[-1]))
-            arm.remaining = _return_times(problem, arm, works)
+            arm.stage = int(arm.chain.active[-1])
+            arm.here = work_of(a, arm.stage)
+            arm.turned, arm.remaining = _return_times(problem, arm, works)
     passed = _take_common(arms)
     longest = 0.0
+    platform = _platform_times(problem, cells.tables[0], edges)
     for k in range(problem.stages - 1, -1, -1):
         stages, before = {}, {}
         for a, arm in enumerate(arms):
@@ -216,48 +252,111 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
             before[a] = work_of(a, int(arm.chain.previous[k]))
             if not all(stop is None or stop.possible for stop in (arm.here, before[a])):
                 return np.inf
-            stages[a] = _stage(problem, arm, k, before[a], len(edges) - 1, works)
-        least = np.float32(works.least[k])
+            stages[a] = _stage(problem, arm, k, before[a], works)
+        origin = platform[:1] if k == 0 else platform[1:]
+        floors = _floors(arms, stages, origin, bool(works.together[k]), np.float32(works.least[k]))
         for a, arm in enumerate(arms):
-            others = [stage.by_cells for b, stage in stages.items() if b != a]
+            floor, beyond = floors[a]
             if a in stages:
-                arm.remaining = _least_from(arm, stages[a], others, least, before[a])
-                arm.here = before[a]
-            else:
-                arm.remaining = arm.remaining + max([least, *(times.min() for times in others)])
+                arm.turned, arm.remaining = _least_from(arm, stages[a], floor, beyond, before[a])
+                arm.here, arm.stage = before[a], int(arm.chain.previous[k])
+                continue
+            arm.raise_to(arm.remaining + floor.min() if beyond else floor.min())
+        if works.together[k]:
+            _begin_together(arms, k - 1, len(edges) - 1)
         passed += _take_common(arms)
-        longest = max(longest, passed + float(works.earliest[k]))
+        begins = max(float(arm.turned.min(initial=np.inf)) for arm in arms)
+        longest = max(longest, passed + begins + float(works.earliest[k]))
     return longest
+
+
+def _platform_times(problem: SequenceProblem, table: TransferTable, edges: FloatArray) -> Times:
+    """Compute the platform's least times between cells [s], shape (1 + g, g).
+
+    The first row is from its start.
+    """
+    cells = len(edges) - 1
+    if not problem.turns or not _platform_counts(problem):
+        return np.zeros((1 + cells, cells), dtype=np.float32)
+    joints = problem.arms[0].joints
+    low, high = (np.column_stack([np.zeros((cells, joints)), x]) for x in (edges[:-1], edges[1:]))
+    start = np.append(np.zeros(joints), problem.platform_start[0])[None]
+    goal, without = table.box(low, high), tuple(range(joints))
+    times = [table.gap_times(*table.box(*x), *goal, without) for x in ((start, start), (low, high))]
+    return np.vstack(times)
+
+
+def _floors(
+    arms: list[_Arm],
+    stages: dict[int, _Stage],
+    platform: Times,
+    together: bool,
+    least: np.float32,
+) -> list[tuple[Times, bool]]:
+    """Bound the time of each arm by the other arms.
+
+    By pair of platform cells [s], shape (g, g), with a flag: whether the arm's own remaining time follows. Else that of
+    the other arms follows, and is included.
+    """
+    cells = platform.shape[1]
+    times = {
+        a: stage.by_cells(cells)
+        if together
+        else platform + _least_by_cell(stage.work, _work_and_rest(arms[a], stage)[0], cells)
+        for a, stage in stages.items()
+    }
+    floors = []
+    for a in range(len(arms)):
+        floor = np.full((cells, cells), least)
+        adjacent = a in stages and stages[a].consecutive
+        for b, bound in times.items():
+            if b != a:
+                np.maximum(floor, bound if adjacent else bound.min(axis=0), out=floor)
+        floors.append((floor, together))
+    return floors
+
+
+def _begin_together(arms: list[_Arm], stage: int, cells: int) -> None:
+    """Raise remaining times to those of the other arm, which begins at the same time.
+
+    In the same platform cell where both worked in the stage before, whose number is given.
+    """
+    least = [arm.least_by_cell(stage, cells) for arm in arms]
+    for arm, others in zip(arms, reversed(least) if len(arms) == 2 else least, strict=True):
+        here = arm.cells_in(stage)
+        arm.raise_to(others[here] if len(here) else others.min())
 
 
 def _take_common(arms: list[_Arm]) -> float:
     """Subtract the common part from the arms' remaining times; returns it [s].
 
-    The processed stages last as long as the slower arm needs for them. The remainders stay small, so that the rounding
-    of a thousand stages does not add up.
+    The remainders stay small, so that the rounding of a thousand stages does not add up.
     """
-    least = max(float(arm.remaining.min(initial=np.inf)) for arm in arms)
+    least = min(float(arm.remaining.min(initial=np.inf)) for arm in arms)
     if np.isfinite(least):
         for arm in arms:
-            arm.remaining = np.maximum(arm.remaining - np.float32(least), np.float32(0.0))
+            arm.remaining = arm.remaining - np.float32(least)
+            arm.turned = arm.turned - np.float32(least)
     return least
 
 
-def _return_times(problem: SequenceProblem, arm: _Arm, works: OtherWork) -> Times:
-    """Compute the least return time from each cell of the last stop [s].
+def _return_times(problem: SequenceProblem, arm: _Arm, works: OtherWork) -> tuple[Times, Times]:
+    """Compute the least return time from each cell of the last stop [s], shape (n,) each.
 
-    Zero without a return, and with a free start, because the cycle may close without motion.
+    After the retract from its target, and after any motion. Zero without a return, and with a free start, because the
+    cycle may close without motion.
     """
     a, stop, last = arm.index, arm.here, int(arm.chain.active[-1])
     assert stop is not None  # an arm without stops has nothing to return from
     if not problem.returns or problem.free_start or works.moved[a, last + 1 :].any():
-        return np.zeros(len(stop.retract.index), dtype=np.float32)
+        return (np.zeros(len(stop.retract.index), dtype=np.float32),) * 2
     without = _ignored(problem, a, stop.ignored, last == problem.stages - 1)
-    table = arm.table_at_rest if works.at_rest[last] else arm.table
-    start = _start(problem, a, table)
-    return table.gap_times(stop.retract.low, stop.retract.high, start.low, start.high, without)[
-        :, 0
-    ]
+    cells = 1 + int(stop.retract.index.max(initial=0))
+    table, zero = arm.table, np.zeros(1, dtype=np.float32)
+    floor = np.zeros((cells, cells), dtype=np.float32)
+    return Pairs(table, stop.retract, _start(problem, a, table), without).least_from(
+        zero, zero, floor, zero
+    )
 
 
 def _ignored(
@@ -274,7 +373,9 @@ def _start(problem: SequenceProblem, a: int, table: TransferTable) -> PostureBox
     if problem.turns:
         q = np.column_stack([q, problem.platform_start[None]])
     zero = np.zeros(1, dtype=np.int64)
-    return PostureBoxes(zero, zero, *table.box(q, q), np.zeros(1, dtype=np.float32))
+    low, high = table.box(q, q)
+    at_rest = np.zeros((2, *low.shape), dtype=np.int16)
+    return PostureBoxes(zero, zero, low, high, np.zeros(1, dtype=np.float32), at_rest, np.inf)
 
 
 def _stage(
@@ -282,46 +383,49 @@ def _stage(
     arm: _Arm,
     k: int,
     before: StopWork | None,
-    cells: int,
     works: OtherWork,
 ) -> _Stage:
-    """Compute an arm's transfer and work in stage k; `cells` is the platform grid's size."""
+    """Prepare an arm's transfer and work in stage k."""
     a, stop = arm.index, arm.here
     assert stop is not None  # callers ask for active stages only
     previous = int(arm.chain.previous[k])
     begins = k == 0 and problem.free_start
     if begins or works.moved[a, previous + 1 : k + 1].any():
-        table = np.full((cells, cells), np.inf, dtype=np.float32)
-        columns, first = np.unique(stop.approach.index, return_index=True)
-        table[:, columns] = np.minimum.reduceat(stop.least, first)
-        return _Stage(None, False, stop, table)
+        return _Stage(None, False, stop)
     consecutive = previous == k - 1
     origin = _start(problem, a, arm.table) if before is None else before.retract
     if not consecutive:
         origin = replace(origin, index=np.zeros_like(origin.index))
     free = stop.ignored or (() if before is None else before.ignored)
     without = _ignored(problem, a, free, consecutive)
-    rests = works.at_rest[k] and (before is None or works.at_rest[previous])
-    pairs = Pairs(arm.table_at_rest if rests else arm.table, origin, stop.approach, without)
-    by_cells = pairs.by_cells(stop.least, stop.from_target(0.0, cells))
-    return _Stage(
-        pairs, consecutive, stop, by_cells if consecutive else np.tile(by_cells[0], (cells, 1))
-    )
+    pairs = Pairs(arm.table, origin, stop.approach, without)
+    return _Stage(pairs, consecutive, stop)
+
+
+def _work_and_rest(arm: _Arm, stage: _Stage) -> tuple[Times, Times]:
+    """Compute the least work with the remaining time, and the latter alone, per approach cell [s]."""
+    return stage.work.with_rest(arm.remaining, arm.turned)
 
 
 def _least_from(
-    arm: _Arm, stage: _Stage, others: list[Times], least: np.float32, before: StopWork | None
-) -> Times:
-    """Compute the least remaining time from every cell of the stop before [s].
+    arm: _Arm, stage: _Stage, floor: Times, together: bool, before: StopWork | None
+) -> tuple[Times, Times]:
+    """Compute the least remaining times from every cell of the stop before [s], shape (n,) each.
 
-    max(transfer + work, others, least) + rest, over all retract cells, is at least the larger minimum of the two sums.
+    After its retract, and after any motion.
+
+    Args:
+        arm: the arm.
+        stage: its transfer and work.
+        floor: least time by the other arms, see `_floors`.
+        together: whether the arm's remaining time follows `floor`.
+        before: its stop before, or None.
     """
-    work_and_rest, beyond = stage.work.with_rest(arm.remaining)
-    floor = np.full_like(stage.by_cells, least)
-    for times in others:
-        np.maximum(floor, times if stage.consecutive else times.min(axis=0), out=floor)
+    work_and_rest, beyond = _work_and_rest(arm, stage)
+    if not together:
+        beyond = np.zeros_like(beyond)
     if stage.pairs is not None:
-        from_target = stage.work.from_target(arm.remaining, len(floor))
-        return stage.pairs.least_from(work_and_rest, from_target, floor, beyond)
+        onward = stage.work.onward(arm.remaining, arm.turned)
+        return stage.pairs.least_from(work_and_rest, onward, floor, beyond)
     totals = np.maximum(work_and_rest, floor.min(axis=0)[stage.work.approach.index] + beyond)
-    return np.full(1 if before is None else len(before.retract.index), totals.min())
+    return (np.full(1 if before is None else len(before.retract.index), totals.min()),) * 2

@@ -37,18 +37,18 @@ class Cells:
     """Upper ends of joints and, last, platform angle [rad], shape (n, joints + 1)."""
     line: FloatArray
     """Least time of the line at each cell [s], shape (n,)."""
-    back: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 7)))
-    """Least times from a turn to the target [s], shape (n, 2, 7).
+    displacement: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 7)))
+    """Least rises, then falls, of the joints on lines to the target [rad], shape (n, 2, 7).
 
-    Of joints that turn back after a rise, then after a fall; 0 for joints that need not fall or rise on the line.
-    They hold for lines that take less than `Resolution.late` beyond the least. Empty for lines from rest.
+    -1 for joints that need not rise or fall. They hold for lines that take less than `Resolution.late` beyond the
+    least. Empty for lines from rest, and if they are not computed.
     """
 
     def take(self, rows: IntArray) -> Cells:
         """Select cells by their rows."""
-        back = self.back[rows] if len(self.back) else self.back
+        displacement = self.displacement[rows] if len(self.displacement) else self.displacement
         low, high, line = self.low[rows], self.high[rows], self.line[rows]
-        return Cells(self.index[rows], self.kind[rows], low, high, line, back)
+        return Cells(self.index[rows], self.kind[rows], low, high, line, displacement)
 
     @classmethod
     def joined(cls, parts: list[Cells]) -> Cells:
@@ -58,7 +58,7 @@ class Cells:
             np.concatenate([part.kind + 8 * k for k, part in enumerate(parts)]),
             *(
                 np.concatenate([getattr(part, name) for part in parts])
-                for name in ("low", "high", "line", "back")
+                for name in ("low", "high", "line", "displacement")
             ),
         )
         return every.take(np.lexsort((every.kind, every.index)))
@@ -113,7 +113,8 @@ def pose_cells(
     line does not matter. Our own derivation.
 
     Where tools pass the outer end in motion, the displacements of all triples that take less than `late` beyond the
-    least are enclosed as well, with their signs: they tell which joints turn back (`PassingLaw`).
+    least are enclosed as well, with their signs: they tell which joints turn back
+    (`PassingLaw`).
 
     Args:
         arm: kinematics in the carried frame.
@@ -139,9 +140,10 @@ def pose_cells(
     )
     if passing is None:
         return Cells(index, branch, low, high, times)
-    distances = np.maximum(np.stack([-most, least], axis=1), 0.0)
-    back = passing.from_turn(distances.reshape(-1, 7)).reshape(distances.shape)
-    return Cells(index, branch, low, high, times, back)
+    least_each_side = np.stack([least, -most], axis=1)
+    return Cells(
+        index, branch, low, high, times, np.where(least_each_side > 0.0, least_each_side, -1.0)
+    )
 
 
 def finer_edges(edges: FloatArray, finer: int) -> FloatArray:

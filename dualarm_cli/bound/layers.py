@@ -97,31 +97,37 @@ class StopWork:
     @cached_property
     def least(self) -> Times:
         """Least work from each approach cell over all retract cells [s], shape (n,)."""
-        return self.with_rest(np.zeros(len(self.retract.index), dtype=np.float32))[0]
+        zero = np.zeros(len(self.retract.index), dtype=np.float32)
+        return self.with_rest(zero, zero)[0]
 
-    def from_target(self, rest: Times | float, cells: int) -> Times:
-        """Compute the least dwell, retract and rest by platform cell [s], shape (g,).
+    def onward(self, rest: Times, turned: Times) -> Times:
+        """Compute the least dwell, retract and rest after approaches that are not late [s], shape (n,).
 
         Args:
             rest: time that follows from each retract cell [s].
-            cells: number g of platform cells.
+            turned: the same, after a retract from the target.
         """
-        present, first = np.unique(self.retract.index, return_index=True)
-        least = np.full(cells, np.inf, dtype=np.float32)
-        times = self.retract.line + np.float32(self.dwell) + rest
-        least[present] = np.minimum.reduceat(times.astype(np.float32), first)
-        return least
+        if self.same:
+            return turned + np.float32(self.dwell)
+        late = self.approach.late
+        line = self.approach.line + np.float32(late if np.isfinite(late) else 0.0)
+        lines = replace(self.lines, before=replace(self.approach, line=line))
+        return replace(self, lines=lines).with_rest(rest, turned)[0] - line
 
-    def with_rest(self, rest: Times) -> tuple[Times, Times]:
+    def with_rest(self, rest: Times, turned: Times) -> tuple[Times, Times]:
         """Compute the least work plus rest, and the least rest, per approach cell.
 
         Args:
             rest: time that follows from each retract cell [s].
+            turned: the same, after a retract from the target.
 
         Returns:
             Both in s, shape (n,) each.
         """
-        sums, alone = (rest, rest) if self.same else self.lines.least_within(rest)
+        if self.same:
+            return turned + np.float32(self.dwell), turned
+        longer = np.subtract(turned, rest, out=np.zeros_like(rest), where=np.isfinite(rest))
+        sums, alone = self.lines.least_within(rest, longer)
         return sums + np.float32(self.dwell), alone
 
 
@@ -214,22 +220,26 @@ class StopCells:
                 else [Cells.joined([cover[end] for cover in covers]) for end in (0, 1)]
             )
         late = self.resolution.late
-        approach = retract = _boxes(self.tables[a], ends[0], columns, late)
-        if ends[1] is not ends[0]:
-            retract = _boxes(self.tables[a], ends[1], columns, late)
+        # Without a line the joints are at rest at the target.
+        approach, retract = (
+            _boxes(self.tables[a], cells, columns, late if length else np.inf)
+            for cells, length in zip(ends, (stop.approach, stop.retract), strict=True)
+        )
         free = (work.joints - 1,) if reach.free_last else ()
         return StopWork(Pairs(self.tables[a], approach, retract, free), still, stop.dwell)
 
 
 def _boxes(table: TransferTable, cells: Cells, columns: int, late: float) -> PostureBoxes:
-    """Round cells to steps of a table."""
+    """Round cells to steps of a table; `late` is infinite without a line."""
     low, high = table.box(cells.low[:, :columns], cells.high[:, :columns])
     line = cells.line.astype(np.float32)
-    if not len(cells.back):
+    if table.chains is None:
         return PostureBoxes(cells.index, cells.kind, low, high, line)
-    back = np.zeros((2, columns, len(line)), dtype=np.float32)
-    back[:, :7] = cells.back.transpose(1, 2, 0)
-    return PostureBoxes(cells.index, cells.kind, low, high, line, back, late)
+    displacement = np.full((2, *low.shape), 0 if np.isinf(late) else -1, dtype=np.int16)
+    if len(cells.displacement):
+        steps = np.floor(cells.displacement * table.scale[:7]).transpose(1, 2, 0)
+        displacement[:, :7] = np.where(steps < 0.0, -1, steps)
+    return PostureBoxes(cells.index, cells.kind, low, high, line, displacement, late)
 
 
 def _ends_within_reach(

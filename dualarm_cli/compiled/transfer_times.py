@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from ctypes import byref
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,36 +91,43 @@ class CellRuns(PointerStruct):
         return structure
 
 
-class TurningJoints(PointerStruct):
-    """Joints that turn back between transfer and approach: `Turns` in C."""
+class JointChains(PointerStruct):
+    """Chains of joints from target to target: `Chains` in C."""
 
     _fields_ = (
-        *((name, _pointer) for name in ("back", "late", "ramp", "after")),
+        *((name, _pointer) for name in ("before", "after", "retract", "approach", "onward")),
+        ("table", _pointer),
+        ("law", _pointer),
         ("coordinates", _int64),
-        ("step", ctypes.c_float),
+        ("entries", _int64),
+        ("late", ctypes.c_float * 2),
     )
 
     @classmethod
     def of(
         cls,
-        back: NDArray[np.float32],
-        late: NDArray[np.float32],
-        ramp: NDArray[np.float32],
-        after: NDArray[np.float32],
-        step: float,
-    ) -> TurningJoints:
-        """Build the structure of n cells in c coordinates.
+        displacements: tuple[NDArray[np.int16] | None, NDArray[np.int16]],
+        lines: tuple[tuple[NDArray[np.float32], float], tuple[NDArray[np.float32], float]],
+        onward: NDArray[np.float32],
+        laws: tuple[NDArray[np.float32], NDArray[np.int32]],
+    ) -> JointChains:
+        """Build the structure of transfers from n cells to m in c coordinates.
 
         Args:
-            back: least times from turning back after a rise, and after a fall, to the target [s], 0 for none,
-                shape (2, c, n).
-            late: least times of approaches for which these need not hold [s], shape (n,).
-            ramp: least times from full speed to zero [s], 0 for coordinates that do not count, shape (c,).
-            after: least times from the target on by platform cell [s], shape (g,).
-            step: time of a table step at full speed [s].
+            displacements: least displacements towards the targets on retracts, (2, c, n), and approaches, (2, c, m):
+                rises, then falls, in steps; -1 if unknown. None for transfers from any motion.
+            lines: least times of retracts, (n,), and approaches, (m,), each with the time beyond these up to which
+                the displacements hold [s].
+            onward: least time from the target on for each approach [s], (m,).
+            laws: times of motions [s], shape (laws, 5, entries), and law of each coordinate or -1, shape (c,).
         """
-        structure = cls(*map(pointer, (back, late, ramp, after)), back.shape[1], step)
-        structure.held = back, late, ramp, after
+        before, after = displacements
+        (retract, *late), (approach, until) = lines
+        held: tuple[NDArray[Any], ...] = after, retract, approach, onward, *laws
+        first = None if before is None else pointer(before)
+        sizes = after.shape[1], laws[0].shape[2], (ctypes.c_float * 2)(*late, until)
+        structure = cls(first, *map(pointer, held), *sizes)
+        structure.held = before, held
         return structure
 
 
@@ -252,7 +260,7 @@ def least_by_groups(
     after: CellRuns,
     work: NDArray[np.float32],
     least: NDArray[np.float32],
-    turns: TurningJoints | None = None,
+    chains: JointChains | None = None,
 ) -> None:
     """Lower `least` to the minima of transfer plus work for each pair of groups.
 
@@ -262,13 +270,13 @@ def least_by_groups(
         after: m cells at which they end.
         work: time added at each end [s], shape (m,).
         least: times [s], shape (g, g).
-        turns: joints that turn back before the ends; None for none.
+        chains: chains of joints that begin with the transfers; None for none.
 
     Raises:
         MemoryError: out of memory.
     """
     work = np.ascontiguousarray(work, dtype=np.float32)
-    arguments = byref(laws), byref(before), byref(after), pointer(work), turns and byref(turns)
+    arguments = byref(laws), byref(before), byref(after), pointer(work), chains and byref(chains)
     _check(library().least_by_groups(*arguments, _int64(len(least)), pointer(least)))
 
 
@@ -276,31 +284,33 @@ def least_from(
     laws: Laws,
     before: CellRuns,
     after: CellRuns,
-    ends: tuple[NDArray[np.float32], TurningJoints | None],
+    ends: tuple[NDArray[np.float32], JointChains | None],
     floor: NDArray[np.float32],
     remaining: NDArray[np.float32],
-) -> NDArray[np.float32]:
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Minimise max(transfer + arrival, floor + remaining) over the cells of `after` [s], shape (n,).
+
+    After retracts that the chains begin with, and after any motion.
 
     Args:
         laws: tables of times.
         before: n cells at which transfers begin.
         after: m cells at which they end.
-        ends: time added to a transfer to each end [s], shape (m,), and the joints that turn back before it, or None.
+        ends: time added to a transfer to each end [s], shape (m,), and the chains of joints to its target, or None.
         floor: least stage time of each pair of groups [s], shape (g, g).
         remaining: time after the stage at each end [s], shape (m,).
 
     Raises:
         MemoryError: out of memory.
     """
-    arrival, turns = ends
+    arrival, chains = ends
     held = tuple(np.ascontiguousarray(x, dtype=np.float32) for x in (arrival, floor, remaining))
     added, *others = map(pointer, held)
-    cells = *map(byref, (laws, before, after)), added, turns and byref(turns)
+    cells = *map(byref, (laws, before, after)), added, chains and byref(chains)
     arguments = *cells, *others, _int64(len(floor))
-    least = np.empty(before.cells.count, dtype=np.float32)
-    _check(library().least_from(*arguments, pointer(least)))
-    return least
+    least, plain = np.empty((2, before.cells.count), dtype=np.float32)
+    _check(library().least_from(*arguments, pointer(least), pointer(plain)))
+    return least, plain
 
 
 def _check(failed: int) -> None:

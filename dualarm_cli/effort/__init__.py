@@ -384,7 +384,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             refinements=4,
             for_few=FINE,
         ),
-        bound=Resolution(step=np.radians(9.0), arm_angles=20, finer=2),
+        bound=Resolution(step=np.radians(7.5), arm_angles=24, finer=2),
         hopeless_orders=4,
         section_orders=4,
         section_starts=4,

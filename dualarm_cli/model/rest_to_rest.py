@@ -153,17 +153,19 @@ AT_ONCE = 1e12
 class PassingLaw(RestToRest):
     """Lower bounds on times between any states of motion, and reachable distances from rest.
 
-    The bound on plans with blending rests on it. Both arms begin each stage together, with transfers, then approach,
-    dwell and retract. Only at its target a tool is at rest, with zero joint accelerations. Therefore
+    The bound on plans with blending rests on it. Each arm moves through transfer, approach, dwell and retract. Only at
+    its target a tool is at rest, with zero joint accelerations. Therefore
 
     - a transfer takes at least each joint's distance at its full speed, whatever its end velocities; the
       platform, which is at rest at both ends, takes its rest-to-rest time;
     - on a line joint j turns at most D_j(T) in time T after it leaves the target or before it arrives, forth and
       back added up: its acceleration is at most min(a, j t) after a time t, and so its speed at most the integral of
       that, and v;
-    - a joint that rises on the transfer to an approach on which it falls turns back between, at a speed of zero and
-      above the begin of the approach. It takes at least the time of `ramp` until then, and `from_turn` to the
-      target. Both grow with the distance.
+    - a joint that rises on a retract or transfer and falls on the transfer or approach after it turns back between, at
+      a speed of zero and above its position between them. Its whole chain of motions takes at least the sum of
+      `chain_times` from rest at a target, or from any motion after the retract, to a turn, between turns, and from the
+      last turn to rest at the target, or to any motion before the approach. A joint that does not turn back takes
+      at least the time over the sum of its distances. All of these grow with the distance.
 
     The derivation is ours.
     """
@@ -177,14 +179,32 @@ class PassingLaw(RestToRest):
         velocity = np.asarray(law.velocity)
         return cls(velocity, AT_ONCE * velocity, np.full_like(velocity, np.inf), law)
 
-    @property
-    def ramp(self) -> FloatArray:
-        """Least time from full speed to zero [s], shape (n,).
+    def chain_times(self, distance: FloatArray) -> FloatArray:
+        """Compute least times [s] of the motions that chains consist of, shape (5, m, n).
 
-        From any motion over the distance d to a speed of zero takes at least d/v + ramp/2, or 2 sqrt(d ramp / 2v) where
-        full speed is not reached: the acceleration is a throughout.
+        From rest to a turn, to rest and to any motion; from a turn to any motion and to a turn. Acceleration is a
+        throughout from a turn to a turn or to any motion: over the distance d to the latter d/v + v/2a, or sqrt(2 d/a)
+        where full speed is not reached.
+
+        Args:
+            distance: distances of each joint, ascending [rad], shape (m, n).
         """
-        return self.rest_law.velocity / self.rest_law.acceleration
+        v, a = self.rest_law.velocity, self.rest_law.acceleration
+        longest = float((distance[-1] / v).max() + 2.0 * self.rest_law.duration(distance[-1]))
+        times = np.linspace(0.0, longest, 8 * TABLE_STEPS)
+        reach = self.reachable_distance(times[:, None]).T
+        to_any = [
+            times[np.maximum(np.searchsorted(joint_reach, d) - 1, 0)]
+            for joint_reach, d in zip(reach, distance.T, strict=True)
+        ]
+        ramp = v / a
+        from_turn = np.where(
+            distance > 0.5 * v * ramp, distance / v + 0.5 * ramp, np.sqrt(2.0 * distance / a)
+        )
+        between = np.where(distance > v * ramp, distance / v + ramp, 2.0 * np.sqrt(distance / a))
+        at_rest = self.rest_law.per_joint(distance)
+        to_turn = self.from_turn(distance)
+        return np.stack([to_turn, at_rest, np.stack(to_any, axis=1), from_turn, between])
 
     @cached_property
     def _from_turn_table(self) -> tuple[FloatArray, FloatArray]:
@@ -238,8 +258,3 @@ class PassingLaw(RestToRest):
             + v * third
         )
         return distance
-
-
-def at_rest(law: RestToRest) -> RestToRest:
-    """Return the law from rest to rest of joints with the same limits."""
-    return law.rest_law if isinstance(law, PassingLaw) else law

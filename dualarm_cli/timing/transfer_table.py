@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from dualarm_cli.compiled.transfer_times import (
     CellRuns,
+    JointChains,
     Laws,
     LineEnds,
-    TurningJoints,
     boxes,
     gap_times,
     least_by_groups,
@@ -33,6 +33,8 @@ WIDEST = 4.0 * np.pi
 Coordinates = NDArray[np.int16]
 """Joint values in steps of a table, coordinate first."""
 Times = NDArray[np.float32]
+STEPS_PER_ENTRY = 4
+"""Steps per entry of the tables of chains, in compiled code as well."""
 RUN = 32
 """Maximum number of cells of one run."""
 
@@ -64,10 +66,10 @@ class TransferTable:
     """Joints by law."""
     step: float
     """Time of a step at full speed [s]."""
-    ramp: Times
-    """Least times from full speed to zero [s], shape (c,).
+    chains: tuple[Times, NDArray[np.int32]] | None
+    """Times of the motions of chains by distance [s], and the law of each joint.
 
-    0 for joints that do not turn back in motion.
+    Shapes (laws, 5, entries) and (c,); the law is -1 for joints that do not count. None for motions from rest to rest.
     """
     _laws: dict[tuple[int, ...], Laws] = field(default_factory=dict, compare=False, repr=False)
     """Table for the compiled functions, by excluded coordinates."""
@@ -108,11 +110,7 @@ class TransferTable:
                 _Class(tuple(same_law), law.duration(distance[:, None]).astype(np.float32))
             )
             remaining = [c for c in remaining if c not in same_law]
-        ramps = [
-            law.ramp if isinstance(law, PassingLaw) else np.zeros_like(law.velocity) for law in laws
-        ]
-        ramp = np.concatenate(ramps).astype(np.float32)
-        return cls(1.0 / (velocity * step), middle, tuple(classes), step, ramp)
+        return cls(1.0 / (velocity * step), middle, tuple(classes), step, _chain_tables(laws, step))
 
     def coordinates(self, joints: FloatArray) -> Coordinates:
         """Convert joints (n, c) [rad] to steps, coordinate first, shape (c, n)."""
@@ -184,6 +182,27 @@ class TransferTable:
         return self._laws[without]
 
 
+def _chain_tables(laws: list[RestToRest], step: float) -> tuple[Times, NDArray[np.int32]] | None:
+    """Tabulate the motions of chains; joints whose limits stand in the same proportions share a table."""
+    tables, numbers = dict[tuple[float, float], FloatArray](), []
+    distance: FloatArray = np.arange(STEPS // STEPS_PER_ENTRY + 1.0) * (STEPS_PER_ENTRY * step)
+    for law in laws:
+        if not isinstance(law, PassingLaw):
+            numbers += [-1] * len(law.velocity)
+            continue
+        rest = law.rest_law
+        a, j = rest.acceleration / rest.velocity, rest.jerk / rest.velocity
+        for key in zip(a.tolist(), j.tolist(), strict=True):
+            if key not in tables:
+                scaled = RestToRest(np.ones(1), *np.array(key)[:, None])
+                tables[key] = PassingLaw.of(scaled).chain_times(distance[:, None])[..., 0]
+            numbers.append(list(tables).index(key))
+    if not tables:
+        return None
+    rounded = np.nextafter(np.stack(list(tables.values())).astype(np.float32), np.float32(0.0))
+    return rounded, np.array(numbers, dtype=np.int32)
+
+
 def rows_of(coordinates: Coordinates, rows: IntArray) -> Coordinates:
     """Select the coordinates of the given postures."""
     return np.ascontiguousarray(coordinates[:, rows])
@@ -203,14 +222,18 @@ class PostureBoxes:
     """Highest joint and platform values, shape (c, n)."""
     line: Times
     """Minimum time of the line at this end [s], shape (n,)."""
-    back: Times | None = None
-    """Minimum times from a turn to the target [s], shape (2, c, n).
+    displacement: Coordinates | None = None
+    """Least displacements on the line towards the target [steps]: rises, then falls; shape (2, c, n).
 
-    Of joints that turn back after a rise, then after a fall; 0 for joints that need not turn back. None if no line
-    passes its outer end in motion.
+    -1 for joints that need not rise or fall. None if nothing passes in motion.
     """
     late: float = 0.0
-    """Time beyond `line` from which on `back` need not hold [s]."""
+    """Time beyond `line` from which on displacements need not hold [s]; infinite without a line."""
+
+    @property
+    def at_target(self) -> bool:
+        """Flag of ends without lines, where joints are at rest at the target."""
+        return self.displacement is not None and np.isinf(self.late)
 
     def ends(self, groups: int) -> LineEnds:
         """Group the boxes by platform cell, as one end of lines."""
@@ -252,56 +275,64 @@ class Pairs:
     def _laws(self) -> Laws:
         return self.table.laws(self.without)
 
-    def _turns(self, after: Times) -> TurningJoints | None:
-        """Prepare the joints that turn back for the compiled functions, or None."""
-        back = self.after.back
-        if back is None or not self.table.ramp.any():
+    def _chains(self, onward: Times, from_target: bool) -> JointChains | None:
+        """Prepare the chains of joints for the compiled functions, or None."""
+        before, after = self.before, self.after
+        if after.displacement is None or before.displacement is None or self.table.chains is None:
             return None
-        late = self.after.line + np.float32(self.after.late)
-        return TurningJoints.of(back, late, self.table.ramp, after, self.table.step)
+        displacements = before.displacement if from_target else None, after.displacement
+        lines = (before.line, before.late), (after.line, after.late)
+        return JointChains.of(displacements, lines, onward, self.table.chains)
 
-    def by_cells(self, work: Times, from_target: Times) -> Times:
+    def by_cells(self, work: Times, onward: Times, cells: int) -> Times:
         """Compute the minimum transfer plus work between platform cells [s], shape (g, g).
 
         A pair of platform cells without a transfer has an infinite sum.
 
         Args:
             work: minimum work of each cell at a transfer's end [s], shape (m,).
-            from_target: minimum work from the target on by platform cell [s], shape (g,).
+            onward: minimum work from the target on for each of these cells [s], shape (m,).
+            cells: number g of platform cells.
         """
-        cells = len(from_target)
         least = np.full((cells, cells), np.inf, dtype=np.float32)
-        turns = self._turns(from_target)
-        least_by_groups(self._laws, self.before.runs, self.after.runs, work, least, turns)
+        chains = self._chains(onward, from_target=self.before.at_target)
+        least_by_groups(self._laws, self.before.runs, self.after.runs, work, least, chains)
         return least
 
-    def least_from(self, arm_rest: Times, from_target: Times, floor: Times, beyond: Times) -> Times:
-        """Minimise max(transfer + arm_rest, floor + beyond) over each cell's pairs, shape (n,).
+    def least_from(
+        self, arm_rest: Times, onward: Times, floor: Times, beyond: Times
+    ) -> tuple[Times, Times]:
+        """Minimise max(transfer + arm_rest, floor + beyond) over each cell's pairs, shape (n,) each.
+
+        After the retract from the target before, and after any motion.
 
         Args:
             arm_rest: remaining time with the arm's own work, from each cell at a transfer's end [s], shape (m,).
-            from_target: remaining time from the target on by platform cell [s], shape (g,).
+            onward: remaining time from the target on for each of these cells [s], shape (m,).
             floor: minimum duration of the stage for each pair of platform cells [s], shape (g, g).
             beyond: remaining time without it, from each cell at a transfer's end [s], shape (m,).
         """
-        ends = arm_rest, self._turns(from_target)
-        return least_from(self._laws, self.before.runs, self.after.runs, ends, floor, beyond)
+        ends = arm_rest, self._chains(onward, from_target=True)
+        runs = self.before.runs, self.after.runs
+        least, plain = least_from(self._laws, *runs, ends, floor, beyond)
+        return least, least if self.before.at_target else plain
 
     @cached_property
-    def _line_ends(self) -> tuple[int, LineEnds, LineEnds]:
-        """Number of platform cells, and both ends for the compiled function."""
+    def _line_ends(self) -> tuple[int, LineEnds]:
+        """Number of platform cells, and begins of lines for the compiled function."""
         cells = 1 + int(max(self.before.index[-1], self.after.index[-1]))
-        return cells, self.before.ends(cells), self.after.ends(cells)
+        return cells, self.before.ends(cells)
 
-    def least_within(self, rest: Times) -> tuple[Times, Times]:
+    def least_within(self, rest: Times, longer: Times) -> tuple[Times, Times]:
         """Minimise line plus rest, and the rest alone, in one platform cell [s], (n,) each.
 
         Args:
             rest: remaining time after each cell at a line's end [s], shape (m,).
+            longer: time by which it is longer after both lines, shape (m,).
         """
-        cells, before, after = self._line_ends
+        cells, before = self._line_ends
         present, first = np.unique(self.after.index, return_index=True)
         alone = np.full(cells, np.inf, dtype=np.float32)
         alone[present] = np.minimum.reduceat(rest, first)
-        sums = least_work(self._laws, before, after, cells, rest)
-        return sums, alone[self.before.index]
+        ends = replace(self.after, line=self.after.line + longer).ends(cells)
+        return least_work(self._laws, before, ends, cells, rest), alone[self.before.index]

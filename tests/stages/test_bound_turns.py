@@ -76,12 +76,25 @@ def test_no_motion_from_a_turn_to_rest_is_faster(jerk, distance):
 
 @pytest.mark.parametrize("way", [0.05, 0.24, 0.9])
 def test_no_motion_comes_to_a_turn_faster(way):
-    """From any motion: constant deceleration from 2 rad/s takes 0.25 s and 0.25 rad, the rest is at full speed."""
+    """From any motion: constant deceleration from 2 rad/s takes 0.25 s and 0.25 rad, the rest is at full speed.
+
+    Between turns it takes as long as both halves.
+    """
     limits = (2.0, 8.0, 300.0)
-    ramp = float(PassingLaw.of(RestToRest(*(np.array([x]) for x in limits))).ramp[0])
-    assert ramp == pytest.approx(0.25)
-    time = way / 2.0 + 0.5 * ramp if way > 0.25 else float(np.sqrt(2.0 * way * ramp / 2.0))
+    law = PassingLaw.of(RestToRest(*(np.array([x]) for x in limits)))
+    to_turn, at_rest, to_any, from_turn, between = law.chain_times(np.array([[way]]))[:, 0, 0]
+    time = way / 2.0 + 0.125 if way > 0.25 else float(np.sqrt(2.0 * way / 8.0))
+    assert from_turn == pytest.approx(time)
     assert 0.985 * way <= farthest(time, limits, None) <= way * (1.0 + 1e-3)
+    halves = law.chain_times(np.array([[0.5 * way]]))[3, 0, 0]
+    assert between == pytest.approx(2.0 * halves)
+    assert to_turn <= at_rest
+    assert from_turn <= between
+    # With jerk limits from rest: between none and full deceleration at the end.
+    assert from_turn <= to_any + 1e-3 <= to_turn + 1e-3
+    reached = law.reachable_distance(np.array([to_any]))[0]
+    assert 0.999 * way <= reached <= way * (1.0 + 1e-9)
+    assert (law.chain_times(np.zeros((1, 1))) == 0.0).all()
 
 
 @pytest.mark.parametrize("late", [0.02, 0.2])
@@ -119,10 +132,10 @@ def test_turns_hold_for_all_lines_that_are_not_late(random_problem, late):
             )
             for cell in np.flatnonzero(inside):
                 lines = moved[times < cells.line[cell] + late - 2.0 * step]
-                for back, ways in zip(cells.back[cell], (-lines, lines), strict=True):
-                    least = law.from_turn(np.maximum(ways, 0.0))
-                    assert (back <= least + 1e-4).all()
-                    told += int((back > 0.0).sum()) * bool(len(lines))
+                for k, ways in enumerate((lines, -lines)):
+                    least = cells.displacement[cell, k]
+                    assert ((least == -1.0) | (least <= ways + 1e-9)).all()
+                    told += int((least > 0.0).sum()) * bool(len(lines))
     assert told > 100
 
 

@@ -207,59 +207,119 @@ int least_work(const Laws *laws, const LineEnds *approach, const LineEnds *retra
     return 0;
 }
 
-/* Joints that turn back between a transfer and the approach after it; method: `model/rest_to_rest.py`. */
+/* Chains of joints from a target over retract, transfer and approach to the next target; method: `model/rest_to_rest.py`.
+
+   Least displacements on lines are towards their targets [steps]: rises, then falls; -1 if unknown. */
 typedef struct {
-    const float *back;  /* least time from turning back after a rise, and after a fall, to the target [s], 0 for none,
-                           (2, coordinates, count) */
-    const float *late;  /* least time of an approach for which `back` need not hold [s], (count,) */
-    const float *ramp;  /* least time from full speed to zero, 0 for coordinates that do not count, (coordinates,) */
-    const float *after; /* least time from the target on by platform cell [s], (groups,) */
-    int64_t coordinates;
-    float step;         /* time of a table step at full speed [s] */
-} Turns;
+    const int16_t *before;  /* of the retracts, (2, coordinates, cells of `from`); NULL for transfers from any motion */
+    const int16_t *after;   /* of the approaches, (2, coordinates, cells of `to`) */
+    const float *retract;   /* least times of the retracts [s], (cells of `from`,) */
+    const float *approach;  /* least times of the approaches [s], (cells of `to`,) */
+    const float *onward;    /* least time from the target on for each approach [s], (cells of `to`,) */
+    const float *table;     /* times [s] by distance and kind of motion, (laws, 5, entries) */
+    const int32_t *law;     /* of each coordinate, -1 for those that do not count, (coordinates,) */
+    int64_t coordinates, entries;
+    float late[2];          /* displacements hold for retracts and approaches that take less beyond the least [s] */
+} Chains;
 
-/* Raise the totals of transfers from cell i to `count` cells from `begin` on by joints that turn back, at most TILE.
+/* Motions of a joint: between rest, a turn (speed zero with any acceleration), and any motion. */
+enum { REST_TO_TURN, REST_TO_REST, REST_TO_ANY, TURN_TO_ANY, TURN_TO_TURN, MOTIONS };
+/* Table steps of transfer times per entry of the chains' tables. */
+enum { STEPS_PER_ENTRY = 4 };
 
-   time: of the transfers. total: with all that follows. */
-static void raise_by_turns(const Laws *laws, const Turns *turns, Boxes from, int64_t i, Boxes to, int64_t begin,
-                           int64_t count, float after, const float *time, float *total)
+/* Least times of the chains from one cell to TILE others [s]: from target to approach, from retract to target, and from
+   target to target; 0 for none. */
+typedef struct {
+    float to_approach[TILE], from_retract[TILE], whole[TILE];
+} ChainTimes;
+
+/* Raise the times of chains by one joint that first rises, or first falls if the arguments are mirrored.
+
+   out: least displacement on the retract, away from the target, or -1. rise, fall: on the approaches, or -1.
+   low, high: of the goals; `here_low` and `here_high` of the start. sign: -1 if mirrored. */
+static void raise_by_joint(const Chains *chains, const float *table, int out, const int16_t *rise, const int16_t *fall,
+                           const int16_t *low, const int16_t *high, int here_low, int here_high, int sign,
+                           int64_t count, ChainTimes *times)
 {
-    float turning[TILE];
+    const int64_t last = chains->entries - 1;
+    for (int64_t j = 0; j < count; j++) {
+        const int least = sign * (sign > 0 ? low[j] - here_high : high[j] - here_low);
+        const int most = sign * (sign > 0 ? high[j] - here_low : low[j] - here_high);
+        const int up = least > 0 ? least : 0, down = most < 0 ? -most : 0;
+#define TIME(kind, distance)                                                                                          \
+    table[(kind) * chains->entries + ((distance) / STEPS_PER_ENTRY < last ? (distance) / STEPS_PER_ENTRY : last)]
+        float to_approach = 0.0F, from_retract = 0.0F, whole = 0.0F;
+        if (out >= 0) {
+            to_approach = down ? TIME(REST_TO_TURN, out) + TIME(TURN_TO_ANY, down) : up ? TIME(REST_TO_ANY, out + up) : 0.0F;
+            if (fall[j] >= 0)
+                whole = TIME(REST_TO_TURN, out + up) + TIME(REST_TO_TURN, fall[j] + down);
+            const int net = rise[j] >= 0 ? out + rise[j] + least : 0;
+            if (rise[j] >= 0 && down)
+                whole = fmaxf(whole, TIME(REST_TO_TURN, out) + TIME(TURN_TO_TURN, down) + TIME(REST_TO_TURN, rise[j]));
+            else if (net > 0)
+                whole = fmaxf(whole, TIME(REST_TO_REST, net));
+        }
+        if (up && fall[j] >= 0)
+            from_retract = TIME(TURN_TO_ANY, up) + TIME(REST_TO_TURN, fall[j]);
+        if (up && rise[j] >= 0)
+            from_retract = fmaxf(from_retract, TIME(REST_TO_ANY, up + rise[j]));
+        times->to_approach[j] = fmaxf(times->to_approach[j], to_approach);
+        times->from_retract[j] = fmaxf(times->from_retract[j], from_retract);
+        times->whole[j] = fmaxf(times->whole[j], whole);
+#undef TIME
+    }
+}
+
+/* Raise the totals of transfers from cell i to `count` cells from `begin` on by chains, at most TILE.
+
+   time: of the transfers. total: with all that follows, beginning after the retract with a chain from the target before.
+   plain: with chains that begin after the retract only. */
+static void raise_by_chains(const Laws *laws, const Chains *chains, Boxes from, int64_t i, Boxes to, int64_t begin,
+                            int64_t count, const float *arrival, const float *time, float *total, float *plain)
+{
+    ChainTimes times;
     for (int64_t j = 0; j < count; j++)
-        turning[j] = 0.0F;
+        times.to_approach[j] = times.from_retract[j] = times.whole[j] = 0.0F;
     for (int32_t c = 0; c < laws->end[laws->classes - 1]; c++) {
-        const int64_t column = laws->column[c];
-        const float ramp = turns->ramp[column];
-        for (int fall = 0; fall < 2 && ramp > 0.0F; fall++) {
-            const int16_t here = fall ? from.low[column * from.count + i] : from.high[column * from.count + i];
-            const int16_t *goal = (fall ? to.high : to.low) + column * to.count + begin;
-            const float *back = turns->back + (column + fall * turns->coordinates) * to.count + begin;
-            for (int64_t j = 0; j < count; j++) {
-                const int gap = (fall ? here - goal[j] : goal[j] - here) - 1;
-                const float way = gap > 0 ? (float)gap * turns->step : 0.0F;
-                const float out = way > 0.5F * ramp ? way + 0.5F * ramp : sqrtf(2.0F * ramp * way);
-                const float turned = gap > 0 && back[j] > 0.0F ? out + back[j] : 0.0F;
-                turning[j] = turned > turning[j] ? turned : turning[j];
-            }
+        const int64_t column = laws->column[c], goals = column * to.count + begin;
+        if (chains->law[column] < 0)
+            continue;
+        const float *table = chains->table + chains->law[column] * MOTIONS * chains->entries;
+        for (int mirrored = 0; mirrored < 2; mirrored++) {
+            /* A retract rises where its line towards the target falls. */
+            const int out =
+                chains->before ? chains->before[((1 - mirrored) * chains->coordinates + column) * from.count + i] : -1;
+            const int16_t *rise = chains->after + mirrored * chains->coordinates * to.count + goals;
+            const int16_t *fall = chains->after + (1 - mirrored) * chains->coordinates * to.count + goals;
+            raise_by_joint(chains, table, out, rise, fall, to.low + goals, to.high + goals,
+                           from.low[column * from.count + i], from.high[column * from.count + i], mirrored ? -1 : 1,
+                           count, &times);
         }
     }
+    const float retract = chains->before ? chains->retract[i] : 0.0F;
     for (int64_t j = 0; j < count; j++) {
-        const float late = time[j] + turns->late[begin + j];
-        const float least = (turning[j] < late ? turning[j] : late) + after;
-        total[j] = least > total[j] ? least : total[j];
+        const float approach = chains->approach[begin + j], onward = chains->onward[begin + j];
+        const float late_retract = time[j] + chains->late[0], late_approach = time[j] + chains->late[1];
+        const float from_retract = fminf(times.from_retract[j], late_approach + approach) + onward;
+        const float to_approach = fminf(times.to_approach[j] - retract, late_retract) + arrival[begin + j];
+        const float late = fminf(late_retract, late_approach) + approach;
+        const float whole = fminf(times.whole[j] - retract, late) + onward;
+        plain[j] = fmaxf(plain[j], from_retract);
+        total[j] = fmaxf(fmaxf(total[j], from_retract), fmaxf(whole, to_approach));
     }
 }
 
 /* Lower the least time of each pair of groups to that of the transfers between their cells including work.
 
-   work: time added at each cell of `to`, (to->cells.count,). turns: NULL for none. least: (groups, groups).
+   work: time added at each cell of `to`, (to->cells.count,). chains: NULL for none; they begin after the retract. least: (groups, groups).
    Returns 0, or 1 if out of memory. */
-int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *work, const Turns *turns,
+int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *work, const Chains *chains,
                     int64_t groups, float *least)
 {
     const int64_t goals = to->runs.count;
     Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(goals + 1));
-    float *bound = malloc(sizeof(float) * (size_t)(2 * goals + 1)), *least_work = bound + goals, time[TILE], total[TILE];
+    float *bound = malloc(sizeof(float) * (size_t)(2 * goals + 1)), *least_work = bound + goals;
+    float time[TILE], total[TILE], plain[TILE];
     if (!candidates || !bound) {
         free(candidates);
         free(bound);
@@ -285,9 +345,8 @@ int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, 
                 compute_row(laws, from->cells, i, to->cells, begin, count, time);
                 for (int64_t j = 0; j < count; j++)
                     total[j] = time[j] + work[begin + j];
-                if (turns && minimum(total, 0, count) < *pair_best)
-                    raise_by_turns(laws, turns, from->cells, i, to->cells, begin, count,
-                                   turns->after[to->group[begin]], time, total);
+                if (chains && minimum(total, 0, count) < *pair_best)
+                    raise_by_chains(laws, chains, from->cells, i, to->cells, begin, count, work, time, total, plain);
                 const float sum = minimum(total, 0, count);
                 *pair_best = sum < *pair_best ? sum : *pair_best;
             }
@@ -300,15 +359,16 @@ int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, 
 
 /* Minimise max(transfer + arrival, floor + remaining) over the cells of `to` for each cell of `from`.
 
-   arrival, remaining: times added at each cell of `to`, (to->cells.count,). turns: NULL for none. floor: of each pair of
-   groups, (groups, groups). least: (from->cells.count,).
+   arrival, remaining: times added at each cell of `to`, (to->cells.count,). chains: NULL for none. floor: of each pair
+   of groups, (groups, groups). least: after a retract that the chains begin with, (from->cells.count,). least_plain:
+   after any motion, (from->cells.count,).
    Returns 0, or 1 if out of memory. */
-int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *arrival, const Turns *turns,
-               const float *floor, const float *remaining, int64_t groups, float *least)
+int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *arrival, const Chains *chains,
+               const float *floor, const float *remaining, int64_t groups, float *least, float *least_plain)
 {
     const int64_t goals = to->runs.count;
     Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(goals + 1));
-    float *bound = malloc(sizeof(float) * (size_t)(3 * goals + 1)), time[TILE], total[TILE];
+    float *bound = malloc(sizeof(float) * (size_t)(3 * goals + 1)), time[TILE], total[TILE], plain[TILE];
     float *least_arrival = bound + goals, *least_remaining = bound + 2 * goals;
     if (!candidates || !bound) {
         free(candidates);
@@ -323,7 +383,7 @@ int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const
         const int64_t begin = from->first[run], end = from->first[run + 1];
         const float *floors = floor + from->group[begin] * groups;
         for (int64_t i = begin; i < end; i++)
-            least[i] = INFINITY;
+            least[i] = least_plain[i] = INFINITY;
         for (int64_t r = 0; r < goals; r += TILE)
             compute_row(laws, from->runs, run, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
         for (int64_t r = 0; r < goals; r++) {
@@ -343,13 +403,13 @@ int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const
                 compute_row(laws, from->cells, i, to->cells, goal, count, time);
                 for (int64_t j = 0; j < count; j++) {
                     const float arriving = time[j] + arrival[goal + j], waiting = pair_floor + remaining[goal + j];
-                    total[j] = arriving > waiting ? arriving : waiting;
+                    total[j] = plain[j] = arriving > waiting ? arriving : waiting;
                 }
-                if (turns && minimum(total, 0, count) < least[i])
-                    raise_by_turns(laws, turns, from->cells, i, to->cells, goal, count,
-                                   turns->after[to->group[goal]], time, total);
-                const float sum = minimum(total, 0, count);
+                if (chains && minimum(total, 0, count) < least[i])
+                    raise_by_chains(laws, chains, from->cells, i, to->cells, goal, count, arrival, time, total, plain);
+                const float sum = minimum(total, 0, count), plain_sum = minimum(plain, 0, count);
                 least[i] = sum < least[i] ? sum : least[i];
+                least_plain[i] = plain_sum < least_plain[i] ? plain_sum : least_plain[i];
             }
             if (!improved)
                 break;
