@@ -18,8 +18,8 @@ which all arms of the stage reach both ends of their lines, so that these cells 
 
 The least remaining time from every cell is computed backwards, stage by stage and arm by arm. From a stage that arms
 begin together a plan takes as long as either arm needs from the same platform cell. Elsewhere it takes as long as the
-arm needs, and as long as the platform's motion and then the other arm need. Our own method; the idea to bound pairs of cells
-instead of nodes comes from interval methods.
+arm needs, and as long as the platform's motion and then the other arm need. Our own method; the idea to bound pairs of
+cells instead of nodes comes from interval methods.
 """
 
 from __future__ import annotations

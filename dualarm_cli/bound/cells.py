@@ -38,7 +38,7 @@ class Cells:
     line: FloatArray
     """Least time of the line at each cell [s], shape (n,)."""
     displacement: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 7)))
-    """Least rises, then falls, of the joints on lines to the target [rad], shape (n, 2, 7).
+    """Least rises, then falls, of joints towards the target [rad], shape (n, 2, 7).
 
     -1 for joints that need not rise or fall. They hold for lines that take less than `Resolution.late` beyond the
     least. Empty for lines from rest, and if they are not computed.

@@ -462,9 +462,9 @@ def test_pruned_pairs_give_the_minima_of_all_pairs() -> None:
                 _random_boxes(random, table, 5, n),
                 displacement=random.choice([-1, 0, 1500, 4000], (2, 3, n)).astype(np.int16),
                 line=random.uniform(0.0, 0.5, n).astype(np.float32),
-                late=0.25 if trial != 3 else np.inf,
+                late=late,
             )
-            for n in (300, 400)
+            for n, late in ((300, 0.25), (400, np.inf if trial == 3 else 0.25))
         )
         own, onward, beyond = (random.uniform(0.0, 2.0, 400).astype(np.float32) for _ in range(3))
         own[random.random(400) < 0.1] = np.inf
