@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +22,9 @@ from dualarm_cli.background import (
     run_both,
     usable_cores,
 )
-from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import planned
 from dualarm_cli.model.settings import PlanSettings
+from tests.packing_tasks import packing_job
 
 
 def children() -> set[str]:
@@ -269,8 +268,7 @@ def test_a_result_that_nobody_asks_for_is_not_waited_for():
 
 def test_a_plan_is_the_same_with_a_second_process(tasks_folder):
     """And both have a bound."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    job = replace(job, tasks=job.tasks[:2])
+    job = packing_job(tasks_folder, 2)
     settings = PlanSettings(effort="quick")
     found = []
     for copied in (False, True):

@@ -64,6 +64,7 @@ def _check_one(file: str) -> dict[str, Any]:
     from dualarm_cli.errors import InputError
     from dualarm_cli.files.checking import load_file
     from dualarm_cli.model.job import Job
+    from dualarm_cli.notes import is_about
     from dualarm_cli.report.bodies import cell_notes
 
     try:
@@ -73,7 +74,10 @@ def _check_one(file: str) -> dict[str, Any]:
         return result | {"diagnostics": error.diagnostics}
     kind, summary = _describe(loaded)
     wrong = [*_geometry(loaded), *_paths(loaded)] or _impossible(loaded)
-    notes = cell_notes(loaded) if isinstance(loaded, Job) else []
+    notes = []
+    if isinstance(loaded, Job):
+        expanded = [note for note in loaded.notes if is_about(note, "pattern")]
+        notes = [*expanded, *cell_notes(loaded)]
     return {"file": file, "kind": kind, "summary": summary, "diagnostics": wrong, "notes": notes}
 
 

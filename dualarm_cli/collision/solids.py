@@ -221,13 +221,23 @@ def bodies_without_shape(cell: Cell) -> list[str]:
     return [*arms, *tools_without_shape(cell)]
 
 
+FAILED = -1e3
+"""Distance below which coal has found none [m]."""
+
+
 def solid_distance(
     solid_a: Solid, transform_a: coal.Transform3s, solid_b: Solid, transform_b: coal.Transform3s
 ) -> float:
     """Compute the distance of two solids at two places, by coal [m]; negative for overlap."""
-    result, request = coal.DistanceResult(), coal.DistanceRequest()
-    coal.distance(solid_a.geometry, transform_a, solid_b.geometry, transform_b, request, result)
-    return float(result.min_distance)
+    request, distance = coal.DistanceRequest(), FAILED
+    bodies = (solid_a.geometry, transform_a), (solid_b.geometry, transform_b)
+    # Where faces touch, coal may find nothing (-1.8e308) in one order of the bodies.
+    for first, second in (bodies, bodies[::-1]):
+        if distance <= FAILED:
+            result = coal.DistanceResult()
+            coal.distance(*first, *second, request, result)
+            distance = float(result.min_distance)
+    return distance
 
 
 def geometry_model(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]]) -> pin.GeometryModel:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pinocchio as pin
 
-from dualarm_cli.model.part_flow import Conveyor, taken_part
+from dualarm_cli.model.part_flow import Conveyor, Pattern, taken_part
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
@@ -124,6 +124,8 @@ class Cell:
     """Mass, centre and rotational inertia of each kind of part, in the frame of its tool."""
     torque: TorqueRule = "limited"
     """Rule for joint torques."""
+    patterns: Mapping[str, Pattern] = field(default_factory=dict)
+    """Places of parts in frames, by frame."""
 
     def tool_names(self, arm: str) -> tuple[str, ...]:
         """List the names of the tools that an arm may have on.

@@ -1,8 +1,10 @@
-"""Flow of parts: conveyors and the targets that they carry, buffers, hand-overs between arms."""
+"""Flow of parts: patterns of places, conveyors with their targets, buffers, hand-overs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 import pinocchio as pin
 
@@ -10,6 +12,50 @@ from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.records import dataclass
+
+PlaceIndex = tuple[int, int, int]
+"""Numbers of a place along x, along y and upwards, from 1."""
+PlaceOrder = Literal["rows", "columns", "snake"]
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Places of parts in a frame."""
+
+    places: Mapping[PlaceIndex, pin.SE3]
+    """Pose of each place in the frame."""
+    order: PlaceOrder = "rows"
+    """Order of the places within a layer."""
+    pitch: tuple[float, float] = (0.0, 0.0)
+    """Distances of neighbouring places along x and y [m]."""
+    in_layers: bool = False
+    """Whether places lie above each other."""
+
+    def ordered(self, order: PlaceOrder | None = None) -> list[PlaceIndex]:
+        """List the places from the lowest layer up, in the pattern's or a given order."""
+        order = order or self.order
+
+        def key(index: PlaceIndex) -> tuple[int, int, int]:
+            x, y, layer = index
+            if order == "columns":
+                return layer, x, y
+            return layer, y, -x if order == "snake" and y % 2 == 0 else x
+
+        return sorted(self.places, key=key)
+
+    def below(self, index: PlaceIndex) -> list[PlaceIndex]:
+        """List the places of the next layer down that carry a part at a place.
+
+        These are the places less than a pitch away along both axes.
+        """
+        x, y, _ = self.places[index].translation
+        return [
+            lower
+            for lower, pose in self.places.items()
+            if lower[2] == index[2] - 1
+            and abs(pose.translation[0] - x) < (1.0 - 1e-9) * self.pitch[0]
+            and abs(pose.translation[1] - y) < (1.0 - 1e-9) * self.pitch[1]
+        ]
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
+from tests.packing_tasks import packing_job
 
 QUICK = PlanSettings(effort="quick")
 
@@ -41,8 +42,7 @@ QUICK = PlanSettings(effort="quick")
 @pytest.fixture(scope="module")
 def packing(tasks_folder):
     """The first three parts of each arm."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    return dataclasses.replace(job, tasks=job.tasks[:6])
+    return packing_job(tasks_folder, 6)
 
 
 def with_obstacle(job, kind, size, place):

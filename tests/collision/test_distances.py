@@ -12,8 +12,9 @@ import pytest
 
 from dualarm_cli.collision.pair_groups import box_around, is_rough
 from dualarm_cli.collision.quick_test import QuickTest
-from dualarm_cli.collision.solids import WORLD, Solid
+from dualarm_cli.collision.solids import WORLD, Solid, shape_solid, solid_distance
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.shape import Shape
 from dualarm_cli.native import library, numbers, pointer
 
 
@@ -127,3 +128,21 @@ def test_the_box_around_a_solid_is_about_its_own_middle():
     np.testing.assert_allclose(half, [1.0, 2.0, 4.0], atol=1e-9)
     center, half = box_around(coal.Box(1.0, 2.0, 4.0))
     assert (center.tolist(), half.tolist()) == ([0.0, 0.0, 0.0], [0.5, 1.0, 2.0])
+
+
+def test_faces_that_touch_have_a_distance():
+    """Of two boxes on each other coal finds none in one order of the bodies, with exactly these rotations."""
+    box = Shape("box", (0.06, 0.06, 0.05), pin.SE3.Identity())
+    upper = np.array(
+        [
+            [-1.0, 8.74479537e-08, 1.41190314e-12],
+            [8.74479535e-08, 1.0, 2.43256636e-11],
+            [-1.41192626e-12, 2.43256545e-11, -1.0],
+        ]
+    )
+    places = [
+        coal.Transform3s(upper, np.array([0.61, -0.14, 0.76500078])),
+        coal.Transform3s(np.diag([1.0, -1.0, -1.0]), np.array([0.61, -0.14, 0.715])),
+    ]
+    solid = shape_solid("", 0, pin.SE3.Identity(), box)
+    assert -1e-6 < solid_distance(solid, places[0], solid, places[1]) < 1e-6

@@ -64,7 +64,7 @@ def test_titles_of_the_path_are_imperatives() -> None:
     """One grammar: each begins with the verb of what the reader wants to do."""
     verbs = (
         "Avoid|Browse|Build|Change|Come|Compare|Describe|Estimate|Export|Find|Follow|Get|Judge|"
-        "Leave|Measure|Move|Pass|Pick|Plan|See|Set up|Start|Watch|Work"
+        "Leave|Measure|Move|Pass|Pick|Plan|Repeat|See|Set up|Start|Watch|Work"
     )
     for page in [DOCS / "getting-started.md", *(DOCS / "how-to").glob("*.md")]:
         assert re.match(rf"# ({verbs}) ", page.read_text()), page.name

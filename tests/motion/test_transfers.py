@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.transfers import (
     MAX_SLOWDOWN,
@@ -23,6 +22,7 @@ from dualarm_cli.motion.transfers import (
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
+from tests.packing_tasks import packing_job
 
 
 @given(
@@ -57,8 +57,7 @@ def test_what_no_slowness_serves_is_not_slowed():
 @pytest.mark.parametrize("cap", [0.25, 0.8])
 def test_the_fastest_tool_is_found_between_the_instants_that_are_looked_at_first(tasks_folder, cap):
     """Every transfer of a job under a cap against a scan of 20,000 instants by finite differences of its own."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    job = dataclasses.replace(job, tasks=job.tasks[:6])
+    job = packing_job(tasks_folder, 6)
     model = CellModel.from_cell(job.cell)
     capped = dataclasses.replace(job, speed=1.0, tool_speed=cap)
     drive = Drive.of(model, capped, TIMING_SOLVERS["ruckig"])

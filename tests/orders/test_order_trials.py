@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dualarm_cli.effort import EFFORTS, TrialEffort
-from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders import order_trials
@@ -28,14 +27,14 @@ from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.plan_clearance import PENALTY, plan_clearance
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
+from tests.packing_tasks import packing_job
 
 
 @pytest.fixture(scope="module")
 def search(tasks_folder):
     """The search for orders of eight parts, four of them at first on either side, for any arm."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    names = {f"{side}-0{k}" for side in ("left", "right") for k in range(1, 5)}
-    tasks = tuple(dataclasses.replace(t, arm="any") for t in job.tasks if t.id in names)
+    job = packing_job(tasks_folder, 8)
+    tasks = tuple(dataclasses.replace(t, arm="any") for t in job.tasks)
     job = dataclasses.replace(job, tasks=tasks, order="optimise")
     return PairedSearch.of(
         CellModel.from_cell(job.cell), job, "quick", 0, Watch(), check_collisions=True

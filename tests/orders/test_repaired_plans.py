@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.orders.order_trials import repaired
 from dualarm_cli.stages.method import MethodProblem
@@ -13,13 +12,13 @@ from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages
+from tests.packing_tasks import packing_job
 
 
 @pytest.fixture(scope="module")
 def start(tasks_folder):
     """Three stages of the packing job by `exact` with unrefined postures, as numbers."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    job = dataclasses.replace(job, tasks=job.tasks[:3])
+    job = packing_job(tasks_folder, 3)
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False)

@@ -20,9 +20,9 @@ QUICK = PlanSettings(effort="quick")
 STEPS = PlanSettings(effort="quick", timing="trapezoid")
 
 
-def changed(job, **changes):
-    """Returns a job with some tasks changed, by their ids with underscores."""
-    tasks = [dataclasses.replace(t, **changes.get(t.id.replace("-", "_"), {})) for t in job.tasks]
+def changed(job, changes):
+    """Returns a job with some tasks changed, by their ids."""
+    tasks = [dataclasses.replace(t, **changes.get(t.id, {})) for t in job.tasks]
     return dataclasses.replace(job, tasks=tuple(tasks))
 
 
@@ -30,15 +30,17 @@ def changed(job, **changes):
 def packing(tasks_folder):
     """Four parts for any arm: one after another, two in a row, two with windows."""
     job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    names = ("left-01", "left-02", "right-01", "right-02")
+    names = ("left[1,1]", "left[1,2]", "right[1,1]", "right[1,2]")
     tasks = tuple(dataclasses.replace(t, arm="any") for t in job.tasks if t.id in names)
     job = dataclasses.replace(
-        job, tasks=tasks, order="optimise", sequences=(("right-01", "left-02"),)
+        job, tasks=tasks, order="optimise", sequences=(("right[1,1]", "left[1,2]"),)
     )
     return changed(
         job,
-        left_01={"after": ("right-02",), "not_after": 40.0},
-        right_02={"not_before": 5.0},
+        {
+            "left[1,1]": {"after": ("right[1,2]",), "not_after": 40.0},
+            "right[1,2]": {"not_before": 5.0},
+        },
     )
 
 
@@ -79,7 +81,7 @@ def test_a_job_with_every_rule_has_a_plan_that_keeps_them(packing, mode):
     verdicts = {check.name: check.verdict for check in judged.checks}
     for name in ("order", "precedence", "windows", "collisions"):
         assert verdicts[name] == "passed", name
-    first = min(e.time for e in schedule.events if e.task == "right-02")
+    first = min(e.time for e in schedule.events if e.task == "right[1,2]")
     assert first >= 5.0
 
 
@@ -126,7 +128,7 @@ def test_the_first_line_of_a_free_start_waits_as_well(tasks_folder):
     """Two robots that begin at their first lines: one has to wait until the other's part is placed."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
     job = dataclasses.replace(job, mode="free", tasks=job.tasks[:2])
-    job = changed(job, b={"after": ("a",)}, a={"not_before": 1.0})
+    job = changed(job, {"b": {"after": ("a",)}, "a": {"not_before": 1.0}})
     schedule = plan_without_bound(job, QUICK, check_collisions=False)
     assert verify(schedule, job).failures == ()
     picked = {(e.task, e.action): e.time for e in schedule.events}
@@ -138,7 +140,7 @@ def test_one_arm_may_be_without_any_task(tasks_folder):
     """All tasks are one robot's, with a rule that must be kept; the other robot only is collision-free."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
     tasks = tuple(t for t in job.tasks if t.id in ("a", "d"))
-    job = changed(dataclasses.replace(job, order="optimise", tasks=tasks), a={"after": ("d",)})
+    job = changed(dataclasses.replace(job, order="optimise", tasks=tasks), {"a": {"after": ("d",)}})
     schedule = plan_without_bound(job, QUICK)
     assert verify(schedule, job, clearance=True).failures == ()
     assert {event.arm for event in schedule.events} == {"left"}
@@ -166,26 +168,26 @@ def test_stage_by_stage_what_comes_before_is_over(bricks):
 @pytest.mark.parametrize("mode", ["paired", "free"])
 def test_a_window_that_is_too_soon_is_said_with_its_place(packing, mode):
     """Half a second does not do for a pick and a place."""
-    job = changed(dataclasses.replace(packing, mode=mode), left_02={"not_after": 0.5})
-    task = next(t for t in job.tasks if t.id == "left-02")
+    job = changed(dataclasses.replace(packing, mode=mode), {"left[1,2]": {"not_after": 0.5}})
+    task = next(t for t in job.tasks if t.id == "left[1,2]")
     with pytest.raises(InfeasibleError) as caught:
         plan_without_bound(job, QUICK)
     assert str(task.place) in str(caught.value)
-    assert "'left-02' not_after" in str(caught.value)
+    assert "'left[1,2]' not_after" in str(caught.value)
 
 
 @pytest.mark.parametrize("mode", ["paired", "free"])
 def test_a_target_that_no_arm_reaches_is_said_with_its_place(packing, mode):
     """Five metres up; both arms are named."""
-    task = next(t for t in packing.tasks if t.id == "left-02")
+    task = next(t for t in packing.tasks if t.id == "left[1,2]")
     pose = task.stops[0].target.pose.copy()
     pose.translation = np.array([0.0, 0.0, 5.0])
     stops = (dataclasses.replace(task.stops[0], target=PoseTarget(pose)), *task.stops[1:])
-    job = changed(dataclasses.replace(packing, mode=mode), left_02={"stops": stops})
+    job = changed(dataclasses.replace(packing, mode=mode), {"left[1,2]": {"stops": stops}})
     with pytest.raises(InfeasibleError) as caught:
         plan_without_bound(job, QUICK)
     text = str(caught.value)
-    assert text.startswith(f"{task.place}: no arm does task 'left-02'")
+    assert text.startswith(f"{task.place}: no arm does task 'left[1,2]'")
     assert "left arm:" in text
     assert "right arm:" in text
 
@@ -201,7 +203,7 @@ def handed(tasks_folder):
         )
         for task in job.tasks[:2]
     )
-    others = tuple(t for t in packing.tasks if t.id in ("left-01", "right-01"))
+    others = tuple(t for t in packing.tasks if t.id in ("left[1,1]", "right[1,1]"))
     return dataclasses.replace(job, tasks=(*shares, *others), order="optimise")
 
 
@@ -222,12 +224,12 @@ def test_a_handover_takes_its_place_in_any_order(handed):
 
 def test_a_handover_comes_after_what_it_is_to_come_after(handed):
     """The pick after the left arm's task is over, the right arm's task after the place."""
-    rules = {"flip_1": {"after": ("left-01",)}, "right_01": {"after": ("flip-1",)}}
-    job = changed(handed, **rules)
+    rules = {"flip-1": {"after": ("left[1,1]",)}, "right[1,1]": {"after": ("flip-1",)}}
+    job = changed(handed, rules)
     schedule = plan_without_bound(job, PlanSettings(effort="quick", platform="exact"))
     assert [check.name for check in verify(schedule, job, clearance=True).failures] == []
     first = [event.task for event in schedule.events if event.action == "pick"]
-    assert first == ["left-01", "flip-1", "right-01"]
+    assert first == ["left[1,1]", "flip-1", "right[1,1]"]
 
 
 def test_with_arms_left_open_the_file_s_order_is_kept(handed):
@@ -268,12 +270,14 @@ def test_arms_with_clocks_of_their_own_meet_stage_by_stage(handed, order):
         for task, arm in zip(handed.tasks[:2], ("left", "right"), strict=True)
     ]
     job = dataclasses.replace(handed, mode="free", order=order, tasks=(*named, *handed.tasks[2:]))
-    job = changed(job, left_01={"after": ("flip-1",)})
+    job = changed(job, {"left[1,1]": {"after": ("flip-1",)}})
     schedule = plan_without_bound(job, PlanSettings(effort="quick", platform="exact"))
     assert [check.name for check in verify(schedule, job, clearance=True).failures] == []
     assert any("hand-overs, both arms start each stage together" in note for note in schedule.notes)
     times = {(e.task, e.action): e.time + e.dwell for e in schedule.events}
-    begins = min(s.start for s in schedule.segments if s.task == "left-01" and s.kind == "approach")
+    begins = min(
+        s.start for s in schedule.segments if s.task == "left[1,1]" and s.kind == "approach"
+    )
     assert begins > times["flip-1", "place"]
 
 

@@ -13,15 +13,14 @@ from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.model.stage_order_model import stage_problem
 from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.watch import Watch
+from tests.packing_tasks import packing_job
 
 
 @pytest.fixture(scope="module")
 def job(tasks_folder):
     """Two parts for each arm, from anywhere and back there."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    names = {f"{side}-0{k}" for side in ("left", "right") for k in (1, 2)}
-    tasks = tuple(t for t in job.tasks if t.id in names)
-    return dataclasses.replace(job, tasks=tasks, order="optimise", start="free", returns=True)
+    job = packing_job(tasks_folder, 4)
+    return dataclasses.replace(job, order="optimise", start="free", returns=True)
 
 
 def test_from_a_free_start_the_first_way_takes_nothing_and_the_last_one_what_it_takes_at_least(job):

@@ -17,6 +17,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.verification import verify
+from tests.packing_tasks import packing_job
 
 JOBS = [
     "01_first_pick",
@@ -31,8 +32,7 @@ JOBS = [
 @pytest.fixture(scope="module")
 def packing(tasks_folder):
     """The packing job, its first eight tasks."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    return dataclasses.replace(job, tasks=job.tasks[:8])
+    return packing_job(tasks_folder, 8)
 
 
 @pytest.mark.parametrize("name", JOBS)
@@ -262,7 +262,8 @@ def test_picks_without_a_dwell_are_noted(packing):
     job = dataclasses.replace(packing, tasks=(hasty, *packing.tasks[1:2]))
     fixed = PlanSettings(platform="fixed")
     notes = plan_without_bound(job, fixed, check_collisions=False).notes
-    assert f"2 picks and places take no time ({first.id} (pick), {first.id} (place))" in notes[0]
+    said = f"2 picks and places take no time ({first.id} (pick), {first.id} (place))"
+    assert any(said in note for note in notes)
     others = plan_without_bound(packing, fixed, check_collisions=False).notes
     assert not any("no time (" in note for note in others)
 

@@ -11,13 +11,13 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.report.measures import bottlenecks, elbow_imbalance, platform_travel
+from tests.packing_tasks import packing_job
 
 
 @pytest.fixture(scope="module")
 def packing(tasks_folder):
     """The packing job, its first eight tasks, planned with a platform that turns."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    job = dataclasses.replace(job, tasks=job.tasks[:8])
+    job = packing_job(tasks_folder, 8)
     return plan(job, PlanSettings(platform="exact"))
 
 

@@ -20,6 +20,7 @@ from dualarm_cli.report.comparison.schedule_comparison_table import (
     schedules_csv,
     schedules_sentence,
 )
+from tests.packing_tasks import packing_job
 
 plan = partial(plan_without_bound, check_collisions=False)
 """Plans that differ by their method alone, not by what they make way for."""
@@ -29,8 +30,7 @@ FIXED = PlanSettings(platform="fixed", blend="none")
 @pytest.fixture(scope="module")
 def job(tasks_folder):
     """The packing job, its first six tasks."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    return dataclasses.replace(job, tasks=job.tasks[:6])
+    return packing_job(tasks_folder, 6)
 
 
 @pytest.fixture(scope="module")
@@ -88,11 +88,11 @@ def test_differences_of_the_stages_add_up(job, before):
 
 def test_a_longer_dwell_is_to_blame_for_exactly_what_it_costs(job, before):
     """Half a second more at each of one task's two stops; it is the left arm that was not waiting."""
-    document = compared(before, plan(with_dwell(job, "left-02", 0.62), FIXED))
+    document = compared(before, plan(with_dwell(job, "left[1,2]", 0.62), FIXED))
     slower = [row for row in document["stages"] if row["difference"] > 1e-6]
     assert [row["work"] for row in slower] == [
-        ["left-02 pick", "right-02 pick"],
-        ["left-02 place", "right-02 place"],
+        ["left[1,2] pick", "right[1,2] pick"],
+        ["left[1,2] place", "right[1,2] place"],
     ]
     for row in slower:
         found = row["blame"]
@@ -171,7 +171,7 @@ def test_stages_are_matched_by_what_is_done_in_them(job, before):
     assert kinds.count("only in A") == 2
     assert kinds.count("same work") == 5
     lone = [row for row in document["stages"] if row["match"] == "only in A"]
-    assert [row["work"][0] for row in lone] == ["left-02 pick", "left-02 place"]
+    assert [row["work"][0] for row in lone] == ["left[1,2] pick", "left[1,2] place"]
     assert all(row["b"] is None and row["b_duration"] is None for row in lone)
     whole = sum(row["difference"] for row in document["stages"])
     assert whole == pytest.approx(document["difference"], abs=1e-9)
@@ -201,7 +201,9 @@ def test_stages_with_another_partner_are_compared_and_said_to_be(job, before):
 def test_schedules_of_other_work_are_refused(before, tasks_folder):
     """Times alone say nothing; both sides' tasks are named."""
     other = plan(load_job(tasks_folder / "01_first_pick" / "tasks.yaml"), FIXED)
-    with pytest.raises(UsageError, match=r"A does left-01 pick.*; B does left part pick, right"):
+    with pytest.raises(
+        UsageError, match=r"A does left\[1,1\] pick.*; B does left part pick, right"
+    ):
         compared(before, other)
 
 

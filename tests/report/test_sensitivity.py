@@ -18,6 +18,7 @@ from dualarm_cli.report.sensitivity import SENSITIVITY, sensitivity
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
+from tests.packing_tasks import packing_job
 
 
 def with_limits(job, **changes):
@@ -80,8 +81,7 @@ class Planned:
 @pytest.fixture(scope="module")
 def packing(tasks_folder):
     """The packing job, its first four tasks."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    return dataclasses.replace(job, tasks=job.tasks[:4])
+    return packing_job(tasks_folder, 4)
 
 
 def test_without_lines_every_figure_is_what_the_same_postures_take(packing):

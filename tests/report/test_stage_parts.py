@@ -12,13 +12,13 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.report.report import build_report
 from dualarm_cli.report.stage_parts import stage_parts
+from tests.packing_tasks import packing_job
 
 
 @pytest.fixture(scope="module")
 def schedule(tasks_folder):
     """The packing job, its first four tasks, planned."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    job = dataclasses.replace(job, tasks=job.tasks[:4])
+    job = packing_job(tasks_folder, 4)
     return plan(job, PlanSettings(platform="exact"))
 
 

@@ -18,13 +18,13 @@ from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.stages.serving import cell_model, own_redundancy
 from dualarm_cli.verification import verify
+from tests.packing_tasks import packing_job
 
 
 @pytest.fixture(scope="module")
 def job(tasks_folder):
     """The packing job's first four tasks: four stages and a return."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    return dataclasses.replace(job, tasks=job.tasks[:4])
+    return packing_job(tasks_folder, 4)
 
 
 @pytest.fixture(scope="module")

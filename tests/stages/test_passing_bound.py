@@ -16,6 +16,7 @@ from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.verification import verify
+from tests.packing_tasks import packing_job
 
 
 def law(velocity: float, acceleration: float, jerk: float) -> PassingLaw:
@@ -93,8 +94,7 @@ def test_stops_without_lines_are_at_rest(random_problem, seed):
 @pytest.mark.full_effort
 def test_a_shorter_straight_part_has_a_lower_bound_and_a_quicker_plan(tasks_folder):
     """Two tasks of the packing job with 80, 40 and 20 mm: all verified, each quicker than the one before."""
-    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    job = dataclasses.replace(job, tasks=job.tasks[:2])
+    job = packing_job(tasks_folder, 2)
     durations, bounds = [], []
     for straight in (math.inf, 0.04, 0.02):
         tasks = tuple(

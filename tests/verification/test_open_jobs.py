@@ -20,14 +20,14 @@ OTHER = {"left": "right", "right": "left"}
 def planned(tasks_folder):
     """Four parts for any arm, two of them in a sequence, one after another; a plan, and who does what in it."""
     job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
-    names = ("left-01", "left-02", "right-01", "right-02")
+    names = ("left[1,1]", "left[1,2]", "right[1,1]", "right[1,2]")
     tasks = tuple(
-        dataclasses.replace(t, arm="any", after=("right-02",) if t.id == "left-01" else ())
+        dataclasses.replace(t, arm="any", after=("right[1,2]",) if t.id == "left[1,1]" else ())
         for t in job.tasks
         if t.id in names
     )
     job = dataclasses.replace(
-        job, tasks=tasks, order="optimise", sequences=(("right-01", "left-02"),)
+        job, tasks=tasks, order="optimise", sequences=(("right[1,1]", "left[1,2]"),)
     )
     schedule = plan_without_bound(job, PlanSettings(effort="quick", platform="fixed"))
     doer = {event.task: event.arm for event in schedule.events}
@@ -58,20 +58,20 @@ def test_the_plan_passes_every_check_and_none_is_left_out(planned):
 
 def test_a_task_that_is_handed_over_is_found(planned, failing):
     """The other arm is said to place what one has picked."""
-    name, arm = "left-01", planned.doer["left-01"]
+    name, arm = "left[1,1]", planned.doer["left[1,1]"]
     events = tuple(
         dataclasses.replace(e, arm=OTHER[arm]) if (e.task, e.action) == (name, "place") else e
         for e in planned.schedule.events
     )
     found = failing(dataclasses.replace(planned.schedule, events=events), planned.job)
-    assert found["order"] == "left-01 is done by left and right; one arm does all of a task"
+    assert found["order"] == "left[1,1] is done by left and right; one arm does all of a task"
     # Nor is the other arm there.
     assert "tool_position_at_events" in found
 
 
 def test_a_task_that_is_left_out_is_found(planned, failing):
     """Its segments are waits, in which the arm moves, no stage names it: its targets and its lines are missing."""
-    name = "left-02"
+    name = "left[1,2]"
     schedule = dataclasses.replace(
         planned.schedule,
         events=tuple(e for e in planned.schedule.events if e.task != name),
@@ -86,43 +86,47 @@ def test_a_task_that_is_left_out_is_found(planned, failing):
     )
     found = failing(schedule, planned.job)
     assert set(found) == {"order", "line_lengths", "segment_kinds"}
-    assert found["order"] == "left-02 pick is not done"
+    assert found["order"] == "left[1,2] pick is not done"
     less = tuple(task for task in planned.job.tasks if task.id != name)
     job = dataclasses.replace(planned.job, tasks=less, sequences=())
     assert set(failing(schedule, job)) == {"segment_kinds"}
     # The other way round: a schedule that does more than it was asked for.
-    assert failing(planned.schedule, job)["order"] == "left-02 pick is done, which no task requires"
+    assert (
+        failing(planned.schedule, job)["order"] == "left[1,2] pick is done, which no task requires"
+    )
 
 
 def test_a_target_that_is_done_twice_is_found(planned, failing):
     """All about it is right, but that it is there."""
-    again = next(e for e in planned.schedule.events if e.task == "right-02")
+    again = next(e for e in planned.schedule.events if e.task == "right[1,2]")
     schedule = dataclasses.replace(planned.schedule, events=(*planned.schedule.events, again))
-    assert failing(schedule, planned.job) == {"order": "right-02 pick is done 2 times"}
+    assert failing(schedule, planned.job) == {"order": "right[1,2] pick is done 2 times"}
 
 
 def test_an_arm_that_may_not_is_named(planned, failing):
     """The same plan for a file in which the task is the other arm's; its lines are due of that arm."""
-    arm = planned.doer["left-01"]
-    found = failing(planned.schedule, with_task(planned.job, "left-01", arm=OTHER[arm]))
-    assert found["order"] == f"left-01 is the {OTHER[arm]} arm's, the {arm} arm does it"
+    arm = planned.doer["left[1,1]"]
+    found = failing(planned.schedule, with_task(planned.job, "left[1,1]", arm=OTHER[arm]))
+    assert found["order"] == f"left[1,1] is the {OTHER[arm]} arm's, the {arm} arm does it"
     assert set(found) == {"order", "line_lengths", "pairing"}
-    assert failing(planned.schedule, with_task(planned.job, "left-01", arm=arm)) == {}
+    assert failing(planned.schedule, with_task(planned.job, "left[1,1]", arm=arm)) == {}
 
 
 def test_a_task_before_what_it_waits_for_is_found(planned, failing):
     """The file asks for the reverse: the one begins as much too early as both take together."""
-    job = with_task(with_task(planned.job, "left-01", after=()), "right-02", after=("left-01",))
+    job = with_task(
+        with_task(planned.job, "left[1,1]", after=()), "right[1,2]", after=("left[1,1]",)
+    )
     found = failing(planned.schedule, job)
     assert set(found) == {"precedence"}
-    assert found["precedence"].startswith("right-02 begins at ")
+    assert found["precedence"].startswith("right[1,2] begins at ")
 
 
 @pytest.mark.parametrize("late", [False, True])
 def test_a_window_that_is_missed_is_found(planned, failing, late):
     """By a microsecond; a nanosecond less than it takes is still right."""
-    first, last = instants(planned.schedule, "left-02")
-    name = "left-02"
+    first, last = instants(planned.schedule, "left[1,2]")
+    name = "left[1,2]"
     off = {"not_after": last - 1e-6} if late else {"not_before": first + 1e-6}
     assert set(failing(planned.schedule, with_task(planned.job, name, **off))) == {"windows"}
     on = with_task(planned.job, name, not_before=first, not_after=last)
@@ -131,12 +135,12 @@ def test_a_window_that_is_missed_is_found(planned, failing, late):
 
 def test_a_sequence_that_is_not_done_as_one_is_found(planned, failing):
     """The reverse of what was asked, and one of tasks of both arms or with others between them."""
-    one, other = "right-01", "left-02"
+    one, other = "right[1,1]", "left[1,2]"
     job = dataclasses.replace(planned.job, sequences=((other, one),))
     found = failing(planned.schedule, job)
     assert set(found) == {"order"}
     assert f"{one} must follow {other} directly" in found["order"]
-    job = dataclasses.replace(planned.job, sequences=(("right-02", "left-02"),))
+    job = dataclasses.replace(planned.job, sequences=(("right[1,2]", "left[1,2]"),))
     assert set(failing(planned.schedule, job)) == {"order"}
 
 
@@ -171,7 +175,7 @@ def test_an_arm_that_starts_a_stage_late_is_found(planned, failing):
 
 def test_names_that_are_exchanged_are_found_by_the_targets(planned, failing):
     """Two tasks' names exchanged everywhere: the order may be as good, the tools are not where the tasks are."""
-    swap = {"left-02": "right-02", "right-02": "left-02"}
+    swap = {"left[1,2]": "right[1,2]", "right[1,2]": "left[1,2]"}
 
     def renamed(rows):
         return tuple(dataclasses.replace(row, task=swap.get(row.task, row.task)) for row in rows)
@@ -186,7 +190,7 @@ def test_names_that_are_exchanged_are_found_by_the_targets(planned, failing):
         ),
     )
     free = dataclasses.replace(planned.job, sequences=())
-    free = with_task(free, "left-01", after=())
+    free = with_task(free, "left[1,1]", after=())
     assert set(failing(schedule, free)) == {"events_at_targets"}
 
 

@@ -70,7 +70,7 @@ tools:
   right: {tcp: {xyz: [0, 0, 200 mm]}, shapes: [{capsule: {radius: 20 mm, length: 120 mm}, xyz: [0, 0, 90 mm]}]}
 """
 EXAMPLES = {
-    "paired": ("04_packing", ("left-01", "right-01"), {}),
+    "paired": ("04_packing", ("left[1,1]", "right[1,1]"), {}),
     "free": ("12_chute", ("load-1", "unload-1"), {}),
     "handover": ("13_hand_over", ("flip-1",), {}),
     "tools": ("14_two_grippers", ("plate-1", "screw-3"), {"order": "given"}),

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import core_schema
 
+from dualarm_cli.files.cells.grids import FrameSection
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     BodyPair,
@@ -267,7 +268,7 @@ class CellFile(Section):
     tools: Annotated[ToolsSection, ByName("tool")] = Field(
         default=ToolsSection.model_construct(), description="Tools by arm."
     )
-    frames: Annotated[dict[Name, FramedPose], ByName("frame")] = Field(
+    frames: Annotated[dict[Name, FrameSection], ByName("frame")] = Field(
         default_factory=dict, description="Named frames, in the world or in each other."
     )
     obstacles: Annotated[dict[Name, ObstacleSection], ByName("obstacle")] = Field(

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, WithJsonSchema, model_validator
+from pydantic import Field, GetJsonSchemaHandler, WithJsonSchema, model_validator
+from pydantic_core import core_schema
 
+from dualarm_cli.files.cells.grids import MOST_PLACES
 from dualarm_cli.files.cells.schema_cell import LimitsSection
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
@@ -28,6 +30,7 @@ from dualarm_cli.files.source.fields import (
 from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.model.budget import Budget
+from dualarm_cli.model.part_flow import PlaceOrder
 from dualarm_cli.model.place import Place
 
 _LongestTime = Annotated[float, Quantity(quantities.TIME, SMALLEST_POSITIVE)]
@@ -100,6 +103,38 @@ class DwellSection(Section):
 Dwell = Annotated[DwellSection, ShortForm("gripper")]
 
 
+Range = Annotated[
+    list[Annotated[int, Field(ge=1, le=MOST_PLACES)]], Field(min_length=2, max_length=2)
+]
+
+
+class EachSection(Section):
+    """Selection of places of a frame's grid."""
+
+    x: Range | None = Field(default=None, description="First and last place along x, from 1.")
+    y: Range | None = Field(default=None, description="First and last place along y, from 1.")
+    layer: Range | None = Field(default=None, description="First and last layer, from 1.")
+    first: Annotated[int, Field(ge=1, le=MOST_PLACES)] | None = Field(
+        default=None, description="Number of places that are used; default: all."
+    )
+    order: PlaceOrder | None = Field(
+        default=None, description="Order of the places; default: that of the grid."
+    )
+
+
+class EachReference:
+    """Field annotation of `place`, a path or a selection.
+
+    It is validated when tasks are expanded, before the file is.
+    """
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Build the JSON Schema of a word, a path or a selection."""
+        return {"anyOf": [{"type": "string"}, handler(EachSection.__pydantic_core_schema__)]}
+
+
 class TargetSection(FramedPose):
     """Target of the tool centre point: a pose, or joint configurations of the arm."""
 
@@ -108,6 +143,12 @@ class TargetSection(FramedPose):
     )
     at: Name | None = Field(
         default=None, description="Named reference frame of the pose; same as `in`."
+    )
+    each: Annotated[Any, EachReference()] = Field(
+        default=None,
+        description="Repeats the task: `place` for every place of the frame's grid, a selection such as "
+        "{x: [1, 2], layer: [1, 1]}, or the path of a CSV file with the columns x, y, z, roll, pitch, yaw, id "
+        "and part. The pose is then in the frame of each place.",
     )
     free: Literal["yaw"] | None = Field(
         default=None, description="yaw: any rotation about the tool's z axis is allowed."

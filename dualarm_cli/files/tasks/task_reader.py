@@ -142,8 +142,6 @@ def _with(
     """Build a section of the core with the keys of kinds.
 
     The keys of the kinds come before those of `rest`; `fields` replace types.
-
-    The keys of the kinds come before those of `rest`.
     """
     added = [kind for kind in reversed(kinds) if kind is not core]
     whole = rest or core
@@ -192,7 +190,7 @@ class TaskReader:
     def __init__(
         self,
         document: Document,
-        cell: Cell,
+        targets: TargetReader,
         findings: Findings,
         defaults: DefaultsSection,
         curves: CurveReader,
@@ -201,15 +199,14 @@ class TaskReader:
 
         Args:
             document: the task file.
-            cell: provides arms, frames and parts.
+            targets: reads targets; has the cell with arms and parts.
             findings: where errors are noted.
             defaults: default values of tasks.
             curves: reads curves.
         """
-        self.document, self.cell, self.findings = document, cell, findings
-        self.defaults, self.curves = defaults, curves
-        self.arms = [arm.name for arm in cell.robot.arms]
-        self.targets = TargetReader(document, cell, findings)
+        self.document, self.cell, self.findings = document, targets.cell, findings
+        self.defaults, self.curves, self.targets = defaults, curves, targets
+        self.arms = [arm.name for arm in self.cell.robot.arms]
         self._kinds: list[KindReading] = of_kinds("reading")
 
     def note(self, loc: Loc, message: str, code: str = "E300") -> None:
@@ -403,15 +400,19 @@ class TaskReader:
 class TargetReader:
     """Converter of the targets of one task file to data."""
 
-    def __init__(self, document: Document, cell: Cell, findings: Findings) -> None:
+    def __init__(
+        self, document: Document, cell: Cell, findings: Findings, places: Mapping[Loc, pin.SE3]
+    ) -> None:
         """Store a file, its cell and the list of errors.
 
         Args:
             document: the task file.
             cell: provides frames and arms.
             findings: where errors are noted.
+            places: poses of places in the frames of targets, by location of the target.
         """
         self._document, self._findings = document, findings
+        self.cell, self._places = cell, places
         self._frames = dict(cell.frames)
         self._robot = cell.robot
         self._joints = {arm.name: _arm_joints(cell.robot, arm.joints) for arm in cell.robot.arms}
@@ -448,7 +449,14 @@ class TargetReader:
         """
         key, name = ("at", at) if at is not None else ("in", section.in_)
         T_world_frame = frame_pose(self._document, (*loc, key), name, self._frames, self._findings)
-        return None if T_world_frame is None else T_world_frame * to_se3(section)
+        if T_world_frame is None:
+            return None
+        T_frame_target = to_se3(section)
+        if loc in self._places:
+            T_frame_target = self._places[loc] * T_frame_target
+            # Decimal numbers of a file stay decimal: 0.12 - 0.09 is 0.03.
+            T_frame_target.translation = np.round(T_frame_target.translation, 12)
+        return T_world_frame * T_frame_target
 
     def _configurations(
         self, values: list[object], loc: Loc, joints: list[UrdfJoint]

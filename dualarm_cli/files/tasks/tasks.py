@@ -18,8 +18,9 @@ from dualarm_cli.files.source.projects import Project, display_name, noted
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.files.tasks.curves import CurveReader
+from dualarm_cli.files.tasks.expansion import expand_tasks
 from dualarm_cli.files.tasks.schema_tasks import TaskSection, TasksFile, read_budget
-from dualarm_cli.files.tasks.task_reader import Schemas, TaskReader, schemas_of
+from dualarm_cli.files.tasks.task_reader import Schemas, TargetReader, TaskReader, schemas_of
 from dualarm_cli.files.tasks.task_rules import (
     check_settings,
     check_skew,
@@ -96,7 +97,10 @@ def load_job(
     document = read_document(project, path, name, "tasks/1")
     findings = Findings(document.diagnostics)
     kinds = of_kinds("reading")
-    schemas = schemas_of(tuple(kinds))
+    schemas, of_cell = schemas_of(tuple(kinds)), Findings()
+    loaded = _load_cell(project, document, path, of_cell)
+    patterns = None if loaded is None else loaded[0].patterns
+    expansion = expand_tasks(document, patterns, project, path, findings)
     model = validate(document, schemas.file, findings)
     sections = _good_tasks(document, model, schemas)
     check_tasks(document, sections, findings)
@@ -104,7 +108,7 @@ def load_job(
         kind.check(document, sections, model, findings)
     if model is not None:
         check_settings(document, model, findings)
-    loaded = _load_cell(project, document, path, findings)
+    findings.extend(of_cell.diagnostics)
     tasks: tuple[Task, ...] = ()
     if loaded is not None:
         cell, notes = loaded
@@ -113,9 +117,10 @@ def load_job(
         if model is not None:
             for kind in kinds:
                 kind.check_cell(document, model, cell, findings)
-        defaults = model.defaults if model is not None else schemas.defaults()
+        defaults = schemas.defaults() if model is None else model.defaults
         curves = CurveReader(project, path, document, cell, findings)
-        tasks = TaskReader(document, cell, findings, defaults, curves).tasks(sections)
+        targets = TargetReader(document, cell, findings, expansion.poses)
+        tasks = TaskReader(document, targets, findings, defaults, curves).tasks(sections)
         findings.extend(project.overrides.unused())
     if model is None or loaded is None or findings.diagnostics:
         findings.fail()
@@ -128,7 +133,7 @@ def load_job(
         model.speed,
         min(caps, default=None),
         dict(project.inputs),
-        notes,
+        (*notes, *expansion.notes),
         model.mode,
         model.order,
         tuple(tuple(names) for names in model.sequences),

@@ -145,18 +145,19 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
                 whole = parts[0].start >= start and parts[-1].end <= end
                 # The purpose of a tool change is visible in the next task.
                 text = task.split(" (")[0] if action in AT_STANDS else task
-                words.append(Wanted(text, lane, bars, whole, text.removeprefix(shared)))
+                words.append(Wanted(text, lane, bars, whole, text[len(shared) :].strip("]")))
     return words
 
 
 def _shared_begin(ids: Collection[str]) -> str:
-    """Find the common prefix up to separator and zeros: left-0 of left-01, left-02."""
+    """Find the common prefix up to separator and zeros: left-0 of left-01, left[ of left[1,2]."""
     if len(ids) < 2:
         return ""
-    begin = re.match(r".*[^A-Za-z0-9]", commonprefix(list(ids)))  # noqa: RUF071 (letters, no paths)
-    if begin is None or begin[0] in ids:
+    common = commonprefix(list(ids))  # noqa: RUF071 (letters, no paths)
+    begin = re.match(r"[^\[]*\[|[^\[]*[^A-Za-z0-9\[]", common)
+    shared = begin[0] if begin is not None else ""
+    if not shared or shared in ids:
         return ""
-    shared = begin[0]
     while all(re.match(r"0\d", name.removeprefix(shared)) for name in ids):
         shared += "0"
     return shared

@@ -13,7 +13,7 @@ export function commonPrefix(ids) {
   ) {
     length++;
   }
-  while (length > 0 && !/[-_. :/]/.test(different[0][length - 1])) length--;
+  while (length > 0 && !/[-_. :/[]/.test(different[0][length - 1])) length--;
   const zeros = () => different.every((id) => id[length] === "0" && /\d/.test(id[length + 1] ?? ""));
   while (zeros()) length++;
   return different.every((id) => id.length > length) ? length : 0;
@@ -27,7 +27,8 @@ export function commonPrefix(ids) {
  * @returns {string[]}
  */
 export function forms(id, full, prefix) {
-  return [...new Set([full, id, id.slice(prefix)])];
+  const place = id[prefix - 1] === "[" && id.endsWith("]"); // left[2,3]: 2,3
+  return [...new Set([full, id, id.slice(prefix, place ? -1 : undefined)])];
 }
 
 /** Minimum number of letters of a shortened id. */

@@ -8,6 +8,7 @@ const width = (/** @type {string} */ text) => [...text].length;
 test("the common prefix of all ids ends at a separator", () => {
   assert.equal(commonPrefix(["left-01", "left-02", "left-12"]), 5);
   assert.equal(commonPrefix(["left-01", "right-01"]), 0);
+  assert.equal(commonPrefix(["left[1,2]", "left[1,3]"]), 5);
   assert.equal(commonPrefix(["screw1", "screw2"]), 0);
   assert.equal(commonPrefix(["a-1", "a-1"]), 0);
   assert.equal(commonPrefix(["a-", "a-1"]), 0);
@@ -17,6 +18,7 @@ test("the common prefix of all ids ends at a separator", () => {
 test("forms of an id grow shorter and stay unique", () => {
   const found = forms("left-01", "pick left-01", 5);
   assert.deepEqual(found, ["pick left-01", "left-01", "01"]);
+  assert.deepEqual(forms("left[1,2]", "pick left[1,2]", 5), ["pick left[1,2]", "left[1,2]", "1,2"]);
   assert.deepEqual(forms("seam", "seam", 0), ["seam"]);
 });
 
