@@ -182,8 +182,8 @@ export class Gantt {
       g.fillStyle = colour("muted");
       let end = -Infinity;
       for (const bar of this.visible(bars)) {
-        const middle = this.x(bar.start) + this.length(bar) / 2;
         const half = g.measureText(bar.text).width / 2;
+        const middle = Math.min(this.x(bar.start) + this.length(bar) / 2, this.width - MARGIN - half);
         if (middle - half < end + 4) continue;
         end = middle + half;
         g.fillText(bar.text, middle, top + height / 2);
