@@ -169,7 +169,7 @@ class Reference:
     def __init__(self, limits: JointLimits) -> None:
         """Builds the program."""
         self._limits = limits
-        self._on_line = _on_line()
+        self.line_rates = line_rates()
         size = JOINTS * (DEGREE + 1)
         lines = ca.SX.sym("lines", 2 * size)
         T = ca.SX.sym("T", 3)
@@ -183,20 +183,20 @@ class Reference:
             terms += [(X[:, 0], 0.0, 0.0), (X[0, -1], 1.0, 1.0), (X[1, 1:], 0.0, np.inf)]
             h = T[k] / LINE
             for i in range(LINE):
-                terms.append((_after(X[:, i], U[i], h) - X[:, i + 1], 0.0, 0.0))
+                terms.append((after(X[:, i], U[i], h) - X[:, i + 1], 0.0, 0.0))
                 for share in WITHIN:
-                    at = _after(X[:, i], U[i], share * h)
-                    _, *rates = self._on_line(coefficients, at, U[i])
+                    at = after(X[:, i], U[i], share * h)
+                    _, *rates = self.line_rates(coefficients, at, U[i])
                     scales = limits.velocity, limits.acceleration, limits.jerk
                     terms += [(x / m, -1.0, 1.0) for x, m in zip(rates, scales, strict=True)]
-            q, v, a, _ = self._on_line(coefficients, X[:, -1], U[-1])
+            q, v, a, _ = self.line_rates(coefficients, X[:, -1], U[-1])
             ends.append(ca.vertcat(q, -v if k else v, a))
         terms += [(Q[:, 0] - ends[0], 0.0, 0.0), (Q[:, -1] - ends[1], 0.0, 0.0)]
         h = T[2] / TRANSFER
         for i in range(TRANSFER):
             jerk = J[:, i] * limits.jerk
-            terms.append((_after(Q[:, i], jerk, h) - Q[:, i + 1], 0.0, 0.0))
-            middle = _after(Q[:, i], jerk, h / 2.0)
+            terms.append((after(Q[:, i], jerk, h) - Q[:, i + 1], 0.0, 0.0))
+            middle = after(Q[:, i], jerk, h / 2.0)
             terms.append((middle[JOINTS : 2 * JOINTS] / limits.velocity, -1.0, 1.0))
         unknowns = [T, *(ca.vec(x) for x in (*states, *jerks, Q, J))]
         high = np.concatenate([limits.upper, limits.velocity, limits.acceleration])
@@ -230,7 +230,7 @@ class Reference:
             RuntimeError: IPOPT has not converged.
         """
         outward = corner.retract, corner.approach[::-1]
-        lines = [_polynomials(path) for path in outward]
+        lines = [polynomials(path) for path in outward]
         found = self._solve(
             x0=self._start(outward, start),
             p=np.concatenate([line.ravel() for line in lines]),
@@ -271,8 +271,8 @@ class Reference:
             states, jerks = pieces[k].reshape(LINE + 1, 3), pieces[2 + k]
             for i in range(LINE):
                 for h in np.linspace(0.0, T[k] / LINE, DENSE):
-                    at = _after(ca.DM(states[i]), ca.DM(jerks[i]), h)
-                    _, *rates = self._on_line(ca.DM(line.ravel()), at, jerks[i])
+                    at = after(ca.DM(states[i]), ca.DM(jerks[i]), h)
+                    _, *rates = self.line_rates(ca.DM(line.ravel()), at, jerks[i])
                     used = [
                         np.abs(np.array(x).ravel() / m) for x, m in zip(rates, scales, strict=True)
                     ]
@@ -286,7 +286,7 @@ class Reference:
         return worst
 
 
-def _after(state: Any, jerk: Any, h: Any) -> Any:
+def after(state: Any, jerk: Any, h: Any) -> Any:
     """Returns positions, speeds and accelerations after a time [s] of constant jerk, all in one column."""
     n = state.numel() // 3
     q, v, a = state[:n], state[n : 2 * n], state[2 * n :]
@@ -295,7 +295,7 @@ def _after(state: Any, jerk: Any, h: Any) -> Any:
     )
 
 
-def _on_line() -> Any:
+def line_rates() -> Any:
     """Returns a function from a line's coefficients, path parameter's state and jerk to the joints' q, v, a and j."""
     coefficients = ca.SX.sym("c", JOINTS * (DEGREE + 1))
     state, jerk = ca.SX.sym("x", 3), ca.SX.sym("u")
@@ -324,7 +324,7 @@ def _clenshaw(series: Any, x: Any) -> Any:
     return x * one - two + series[:, 0]
 
 
-def _polynomials(path: FloatArray) -> FloatArray:
+def polynomials(path: FloatArray) -> FloatArray:
     """Returns Chebyshev coefficients of a line's joints, shape (DEGREE + 1, 7)."""
     x = np.linspace(-1.0, 1.0, len(path))
     found: FloatArray = chebyshev.chebfit(x, path, DEGREE)

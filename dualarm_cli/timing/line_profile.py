@@ -50,8 +50,8 @@ def solve_line(problem: LineProblem) -> Trajectory:
     of every joint keep their limits; the fastest is chosen. Along every coordinate symmetric shapes are first, then
     variations of the best one, with jerk phases of different lengths: each may have another limiting joint. The joints
     pass through the path at the knots on a cubic spline, and time is scaled again by the spline's own exact extrema. A
-    limit of tool speed is a velocity limit of one more joint, the path length. The method is ours. The optimum over
-    all profiles is 0.5 % shorter in the median of 70 lines, at most 4 %.
+    limit of tool speed is a velocity limit of one more joint, the path length. The method is ours; it is about a
+    percent slower than the optimum over all profiles.
 
     A line without joint motion takes no time.
     """
