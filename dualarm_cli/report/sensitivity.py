@@ -44,7 +44,7 @@ class SensitivitySettings:
 SENSITIVITY = SensitivitySettings()
 
 SHAPES = symmetric_grid(
-    np.array([0.5, 0.42, 0.34, 0.25, 0.17]), np.array([0.5, 0.4, 0.3, 0.22, 0.15, 0.1, 0.06])
+    np.array([0.5, 0.42, 0.34, 0.25, 0.17]), np.array([0.5, 0.4, 0.3, 0.22, 0.15, 0.1, 0.06]), 1.2
 )
 """Double-S shapes; each line takes the fastest."""
 

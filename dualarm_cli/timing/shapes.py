@@ -159,7 +159,11 @@ def _advance(
     )
 
 
-def symmetric_grid(ramps: FloatArray, jerks: FloatArray) -> Shapes:
-    """Build all symmetric shapes of given ramp fractions (at most 0.5) and jerk fractions."""
+def symmetric_grid(ramps: FloatArray, jerks: FloatArray, inner: float = 1.0) -> Shapes:
+    """Build all symmetric shapes of given ramp fractions (at most 0.5) and jerk fractions.
+
+    The inner jerk phases are longer than the outer ones by the factor `inner`; both together have the mean length.
+    """
     ramp, jerk = (grid.ravel() for grid in np.meshgrid(ramps, jerks, indexing="ij"))
-    return Shapes(ramp, jerk, jerk, ramp, jerk, jerk)
+    outer = jerk * (2.0 / (1.0 + inner))
+    return Shapes(ramp, outer, outer * inner, ramp, outer, outer * inner)
