@@ -104,8 +104,8 @@ class Layout:
     """Table under all targets."""
     clearance: float
     """Clearance of all bodies [m]."""
-    start_at_home: bool
-    """Flag of a collision-free posture home with all tools above the table."""
+    home_fault: str
+    """Reason why motions cannot start in the posture home, or empty."""
 
 
 @dataclass(frozen=True)
@@ -214,8 +214,8 @@ def _on_table(
         for side, c in zip((grid.x, grid.y), every.T, strict=True)
     )
     table = Table.under(x, y, step, (table.top, table.thickness))
-    at_home = _starts_at_home(replace(cell, obstacles=(table.obstacle,)), table.top)
-    return Layout(tools, trays, boxes, height, step, table, cell.clearance, at_home)
+    fault = _home_fault(replace(cell, obstacles=(table.obstacle,)), table.top)
+    return Layout(tools, trays, boxes, height, step, table, cell.clearance, fault)
 
 
 def _front(tips: FloatArray, here: Region, grid: TableGrid) -> FloatArray:
@@ -238,13 +238,21 @@ def _front(tips: FloatArray, here: Region, grid: TableGrid) -> FloatArray:
     return np.where(cosine >= -1e-9, 1.0 + LAYOUT.front * cosine, 0.0)
 
 
-def _starts_at_home(cell: Cell, top: float) -> bool:
-    """Test whether the posture home is collision-free, with all tools above the table."""
+def _home_fault(cell: Cell, top: float) -> str:
+    """Explain why motions cannot start at home, or return an empty text."""
     model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
     test = CellClearance.of(cell, ()).test
     groups = [*(test.arm_pairs(arm) for arm in model.arms), test.cross()]
-    clear = all((test.margins(group, home[None]) >= SLACK).all() for group in groups)
-    return clear and all(model.tool_position(arm, home)[2] > top for arm in model.arms)
+    for group in groups:
+        if (test.margins(group, home[None]) < SLACK).any():
+            body_a, body_b, margin = test.nearest(home, group.pairs)
+            return (
+                f"at home {body_a} and {body_b} lack {max(0.1, -1e3 * margin):.1f} mm of clearance"
+            )
+    for arm in model.arms:
+        if (low := top - model.tool_position(arm, home)[2]) >= 0.0:
+            return f"at home the {arm} tool is {1e3 * low:.0f} mm below the table's top"
+    return ""
 
 
 def _rows(

@@ -217,10 +217,8 @@ def tasks_text(layout: Layout) -> str:
         "cell: cell.yaml",
         "order: given           # as written; `optimise` lets the planner choose, and `arm: any` the arm, too",
     ]
-    if not layout.start_at_home:
-        lines.append(
-            "start: free            # at home the robot collides with the table, or a tool is below its top"
-        )
+    if layout.home_fault:
+        lines.append(f"start: free            # {layout.home_fault}")
     lines += [
         "return: true           # end where the cycle began",
         f"defaults: {{approach: {line}, retract: {line}, straight: {line}, dwell: 0.15 s, blend: 10 mm}}",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +14,11 @@ from dualarm_cli.cli.run import run
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.starting.layout import _home_fault
+from dualarm_cli.starting.table import Table
 
 OFFSETS = (
     (0.0, 0.0, 0.1),
@@ -145,3 +150,17 @@ def test_an_arm_that_hardly_turns_is_told_the_room_that_is_lacking(
     assert run(["robot", "import", arm, "--out", "arm"]) == 0
     assert run(["robot", "reach", "arm"]) == 0
     assert "the left arm reaches points between x" in capsys.readouterr().out
+
+
+def test_a_start_elsewhere_than_home_has_its_reason() -> None:
+    """A table 10 mm above the tip cuts into the tool; without it the tool is below the top by the difference."""
+    assert run(["init", "arm", "--robot", write_arm()]) == 0
+    cell = load_cell(Path("arm") / "cell.yaml").cell
+    x, y, z = CellModel.from_cell(cell).tool_position("left", cell.robot.postures["home"])
+    low, high = (x - 0.1, y - 0.1), (x + 0.1, y + 0.1)
+    table = Table(low, high, z + 0.01, 0.02).obstacle
+    message = _home_fault(replace(cell, obstacles=(table,)), z + 0.01)
+    assert re.fullmatch(r"at home left_tool and table lack \d+\.\d mm of clearance", message)
+    below = _home_fault(replace(cell, obstacles=()), z + 0.2)
+    assert below == "at home the left tool is 200 mm below the table's top"
+    assert _home_fault(replace(cell, obstacles=()), z - 0.2) == ""
