@@ -364,7 +364,7 @@ def _clearances(judged: Verification) -> Any:
             f"[{colour}]{stage.clearance * 1e3:.1f}[/]",
             f"{stage.required * 1e3:.1f}",
             f"{stage.time:.3f}",
-            escape(" and ".join(stage.bodies)),
+            escape(" and ".join(stage.bodies)) + " (near links)" * stage.near,
         )
     return table
 

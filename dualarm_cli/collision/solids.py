@@ -240,6 +240,20 @@ def solid_distance(
     return distance
 
 
+def are_near(model: pin.Model, first: Solid, second: Solid) -> bool:
+    """Test whether two bodies are near links of the robot.
+
+    Both are links, or fixed to links, with at most three joints between them: their distance depends on these joints
+    alone, often stays constant through a plan, and would hide the clearance that a cell can change.
+    """
+    if WORLD in (first.joint, second.joint):
+        links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+        if not {first.body, second.body} <= links:
+            return False
+    joints = set(model.supports[first.joint]) ^ set(model.supports[second.joint])
+    return len(joints) <= 3
+
+
 def geometry_model(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]]) -> pin.GeometryModel:
     """Build pinocchio's geometry model of solids and pairs, in the given order.
 

@@ -12,6 +12,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Event, Schedule, Segment
+from dualarm_cli.model.verification import nearest as nearest_of
 from dualarm_cli.records import dataclass
 
 if TYPE_CHECKING:
@@ -84,7 +85,8 @@ def joint_use(
 def least_clearance(schedule: Schedule, stages: Collection[int]) -> float | None:
     """Return the least proved clearance of stages [m], or None."""
     clearances = schedule.verification.clearances if schedule.verification is not None else ()
-    return min((c.clearance for c in clearances if c.stage in stages), default=None)
+    least = nearest_of(c for c in clearances if c.stage in stages)
+    return None if least is None else least.clearance
 
 
 def methods_table(

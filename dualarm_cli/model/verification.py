@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 from dualarm_cli.records import dataclass
@@ -52,6 +52,16 @@ class StageClearance:
     """Pair of bodies with the least margin."""
     time: float
     """Time of the least margin [s]."""
+    near: bool = False
+    """Whether both are near links, whose distance few joints of one arm decide."""
+
+
+def nearest(clearances: Iterable[StageClearance]) -> StageClearance | None:
+    """Find the least margin that a cell can change; near links count if nothing else does.
+
+    They also count where they miss the required clearance.
+    """
+    return min(clearances, key=lambda c: (c.near and c.margin >= 0.0, c.margin), default=None)
 
 
 LONGEST_DELAY = 0.5
@@ -89,7 +99,7 @@ class Verification:
     checks: tuple[Check, ...]
     """All checks, in a fixed order."""
     clearances: tuple[StageClearance, ...] = ()
-    """Clearance of every stage, if checked."""
+    """Clearance of every stage, if checked; two where near links are nearest."""
     delays: tuple[ArmDelay, ...] = ()
     """Tolerated delays of each of two arms, if checked."""
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.solids import WORLD, Solid, geometry_model
+from dualarm_cli.collision.solids import are_near, geometry_model
 from dualarm_cli.exporting.schedule_json import event_row, segment_row, stage_row
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, distinct
 from dualarm_cli.model.job import Job
@@ -181,8 +181,6 @@ class PageSettings:
     """Minimum number of sampled instants of a motion."""
     most: int = 3000
     """Maximum number of sampled instants of a motion."""
-    near: int = 3
-    """Maximum number of joints between two near links."""
 
 
 PAGE = PageSettings()
@@ -191,10 +189,8 @@ PAGE = PageSettings()
 def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     """Sample the least clearance over a motion, as curves of the page.
 
-    One curve covers all pairs except those of near links, which have their own curve: their distance depends on a few
-    joints, often stays constant through the whole plan, and would hide the clearance between arms, tools, parts and
-    obstacles. Permitted contacts are left out on their lines. The curves prove nothing: the verifier also checks the
-    motion between the samples.
+    One curve covers all pairs except those of near links (`are_near`), which have their own curve. Permitted contacts
+    are left out on their lines. The curves prove nothing: the verifier also checks the motion between the samples.
 
     Args:
         schedule: a verified one.
@@ -222,7 +218,7 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     required = np.array([pairs[k].required for k in selected])
     counts = np.array([_during(windows[k], times) for k in selected])
     near = np.array(
-        [_are_near(model, solids[pairs[k].first], solids[pairs[k].second]) for k in selected]
+        [are_near(model, solids[pairs[k].first], solids[pairs[k].second]) for k in selected]
     )
     names = [[solids[i].label for i in (pairs[k].first, pairs[k].second)] for k in selected]
     geometry = geometry_model(solids, places)
@@ -275,21 +271,6 @@ class _Samples:
             "pairs": [names[k] for k in used],
             "required": [float(required[k]) for k in used],
         }
-
-
-def _are_near(model: pin.Model, first: Solid, second: Solid) -> bool:
-    """Test whether two bodies are near links of the robot.
-
-    Both are links, or fixed to links, with at most `near` joints between them.
-    """
-    if WORLD in (first.joint, second.joint) and not {first.body, second.body} <= _links(model):
-        return False
-    joints = set(model.supports[first.joint]) ^ set(model.supports[second.joint])
-    return len(joints) <= PAGE.near
-
-
-def _links(model: pin.Model) -> set[str]:
-    return {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
 
 
 def _instants(schedule: Schedule) -> FloatArray:

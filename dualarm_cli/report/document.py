@@ -38,6 +38,7 @@ class ReportClearance(TypedDict):
     required: Annotated[float, "m", "What is required of the pair."]
     bodies: Annotated[tuple[str, str], "", "The two bodies."]
     time: Annotated[float, "s", "When."]
+    near: Annotated[bool, "", "Whether both are links of the robot with at most three joints between them."]
 
 
 class ReportCorner(TypedDict):
@@ -390,6 +391,7 @@ class Report(TypedDict):
     bodies: ReportBodies
     collisions: Annotated[str, "", "What was proven about collisions, in a sentence."]
     smallest_clearance: ReportClearance | None
+    near_links: ReportClearance | None
     skew: Annotated[str | None, "", "How late each arm may be against the other, in a sentence; none where that was not proven."]
     clearance_cost: ClearanceCost
     blending: ReportBlending | None

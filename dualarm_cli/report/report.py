@@ -18,7 +18,7 @@ from dualarm_cli.model.lying import lying_parts
 from dualarm_cli.model.place import tasks_name
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment, Stage, WaitReason
 from dualarm_cli.model.trajectory import SAME_TIME
-from dualarm_cli.model.verification import Verification
+from dualarm_cli.model.verification import Verification, nearest
 from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.notes import Note, filled
 from dualarm_cli.records import field_values
@@ -68,6 +68,7 @@ def build_report(schedule: Schedule, job: Job) -> Report:
         "bodies": bodies(job),
         "collisions": _collisions(schedule),
         "smallest_clearance": smallest_clearance(schedule),
+        "near_links": _near_links(schedule),
         "skew": skew_sentence(schedule.verification, job),
         "clearance_cost": schedule.clearance_cost,
         "blending": blending_rows(schedule, job),
@@ -186,9 +187,16 @@ def joints_without_jerk_limit(schedule: Schedule) -> list[str]:
 
 
 def smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:
-    """Find the stage with the least clearance margin, or None without a proof."""
+    """Find the stage with the least clearance margin (`nearest`), or None without a proof."""
     stages = schedule.verification.clearances if schedule.verification is not None else ()
-    return field_values(min(stages, key=lambda stage: stage.margin)) if stages else None
+    return None if (stage := nearest(stages)) is None else field_values(stage)
+
+
+def _near_links(schedule: Schedule) -> dict[str, Any] | None:
+    """Find the near links with the least clearance margin, or None."""
+    stages = schedule.verification.clearances if schedule.verification is not None else ()
+    near = [stage for stage in stages if stage.near]
+    return field_values(nearest(near)) if near else None
 
 
 def _collisions(schedule: Schedule) -> str:
@@ -199,11 +207,15 @@ def _collisions(schedule: Schedule) -> str:
     body_a, body_b = stage["bodies"]
     verdict = "none" if stage["margin"] >= -TOL.clearance_slack else "CLEARANCE MISSED"
     caveats = schedule.verification.caveats if schedule.verification is not None else ()
-    return (
+    text = (
         f"{verdict}{' between bodies with shapes' if caveats else ''}; least clearance proven: "
         f"{stage['clearance'] * 1e3:.1f} mm where {stage['required'] * 1e3:.1f} mm are required, "
         f"{body_a} and {body_b} at {stage['time']:.3f} s"
     )
+    near = _near_links(schedule)
+    if near is not None and not stage["near"]:
+        text += f"; near links: {near['clearance'] * 1e3:.1f} mm, {' and '.join(near['bodies'])}"
+    return text
 
 
 def skew_sentence(verification: Verification | None, job: Job) -> str | None:

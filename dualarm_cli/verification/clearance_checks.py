@@ -14,6 +14,7 @@ from dualarm_cli.collision.solids import (
     WORLD,
     Pair,
     Solid,
+    are_near,
     bodies_without_shape,
     cell_solids,
     pairs_that_must_keep_apart,
@@ -97,7 +98,7 @@ def check_clearance(
         spans: of the job's stops (`line_spans`), with the job's robot; None measures them.
 
     Returns:
-        The check, and the least clearance of each stage.
+        The check, and the least clearance of each stage; where near links have it, also that of all other pairs.
     """
     if job is None:
         return not_checked(COLLISIONS, NO_JOB), ()
@@ -107,24 +108,21 @@ def check_clearance(
     edges = edges_of(schedule)
     parts = stages_of(schedule, edges)
     try:
-        plain = watched.certified(edges, contact=False, lying=False)
-        # Of many parts that wait or lie few come near: only those that may be the nearest are measured.
-        margins = np.array([interval.met for interval in plain])
-        resting = watched.certified(edges, contact=False, lying=True, other_margins=margins)
+        stages = watched.least(edges, parts)
         touching = [
             watched.certified(edges, contact=True, lying=False),
             watched.certified(
-                edges, contact=True, lying=True, other_margins=np.zeros(len(margins))
+                edges, contact=True, lying=True, other_margins=np.zeros(len(edges) - 1)
             ),
         ]
+        # Near links would hide what else is near.
+        apart = watched.least(edges, parts, near=False) if any(s.near for s in stages) else []
     except UnprovenError:
         where = "cannot be proven: the motion goes too far between its knots, beyond the limits of its joints"
         return judge(COLLISIONS, np.nan, TOL.clearance_slack, where), ()
-    stages = watched.by_stage(parts, [plain, resting])
     # Parts that may lie on something have no clearance: they count only if they penetrate it.
     deep = watched.by_stage(parts, touching)
     stages += [stage for stage in deep if stage.margin < -TOL.clearance_slack]
-    stages.sort(key=lambda stage: stage.stage)
     if not stages:
         return not_checked(COLLISIONS, "the motion has no length"), ()
     worst = min(stages, key=lambda stage: stage.margin)
@@ -133,6 +131,9 @@ def check_clearance(
         f"{_millimetres(worst.clearance)} where {_millimetres(worst.required)} "
         f"{'are required' if worst.required >= 0.0 else 'are allowed'}"
     )
+    hidden = {stage.stage for stage in stages if stage.near}
+    stages += [stage for stage in apart if stage.stage in hidden]
+    stages.sort(key=lambda stage: stage.stage)
     return judge(COLLISIONS, -worst.margin, TOL.clearance_slack, where), tuple(stages)
 
 
@@ -151,12 +152,29 @@ class WatchedPairs:
     trajectory: Trajectory
     """Motion of the model's joints."""
 
+    def least(
+        self, edges: FloatArray, stages: Sequence[Sequence[int]], *, near: bool = True
+    ) -> list[StageClearance]:
+        """Prove the least margin of every stage, of pairs that may not touch.
+
+        Args:
+            edges: instants [s], see `ClearanceProof.certify`.
+            stages: numbers of the stages of every interval (`stages_of`).
+            near: whether near links count.
+        """
+        plain = self.certified(edges, contact=False, lying=False, near=near)
+        # Of many parts that wait or lie few come near: only those that may be the nearest are measured.
+        margins = np.array([interval.met for interval in plain])
+        resting = self.certified(edges, contact=False, lying=True, other_margins=margins)
+        return self.by_stage(stages, [plain, resting])
+
     def certified(
         self,
         edges: FloatArray,
         *,
         contact: bool,
         lying: bool,
+        near: bool = True,
         other_margins: FloatArray | None = None,
     ) -> list[Certified]:
         """Prove the least margin of the selected pairs between neighbouring edges.
@@ -166,11 +184,14 @@ class WatchedPairs:
             other_margins: margins of other pairs between the edges [m], see there.
             contact: selects the pairs that may touch, or all others.
             lying: selects the pairs of parts that wait or lie, or all others.
+            near: whether pairs of near links are among them.
         """
         selected = [
             k
             for k, pair in enumerate(self.pairs)
-            if (pair.required < 0.0) is contact and bool(self.solids[pair.second].lying) is lying
+            if (pair.required < 0.0) is contact
+            and bool(self.solids[pair.second].lying) is lying
+            and (near or not self.are_near(pair))
         ]
         proof = ClearanceProof(
             self.model,
@@ -186,6 +207,10 @@ class WatchedPairs:
             replace(interval, pair=selected[interval.pair]) if interval.pair >= 0 else interval
             for interval in certified
         ]
+
+    def are_near(self, pair: Pair) -> bool:
+        """Test whether a pair is one of near links."""
+        return are_near(self.model, self.solids[pair.first], self.solids[pair.second])
 
     def by_stage(
         self, stages: Sequence[Sequence[int]], certified: Sequence[Sequence[Certified]]
@@ -212,6 +237,7 @@ class WatchedPairs:
                         required=pair.required,
                         bodies=(self.solids[pair.first].label, self.solids[pair.second].label),
                         time=interval.time,
+                        near=self.are_near(pair),
                     )
         return [least[number] for number in sorted(least)]
 

@@ -20,7 +20,7 @@ from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.job import Dwell, Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.model.verification import exceptions
+from dualarm_cli.model.verification import exceptions, nearest
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report
@@ -121,10 +121,42 @@ def test_a_plan_without_contact_passes_and_names_the_nearest_of_every_stage(sche
     """Certified, stage by stage; asked for only."""
     check, stages = collisions(schedule, packing)
     assert check.verdict == "passed"
-    assert [stage.stage for stage in stages] == list(range(len(schedule.stages)))
+    assert [stage.stage for stage in stages if not stage.near] == list(range(len(schedule.stages)))
     assert all(stage.clearance == pytest.approx(stage.margin + stage.required) for stage in stages)
     [unasked] = [c for c in verify(schedule, packing).checks if c.name == "collisions"]
     assert unasked.verdict == "not checked"
+
+
+def test_near_links_do_not_hide_what_a_cell_can_change(schedule, packing):
+    """The least of all other pairs is that of a cell in which near links, by the URDF's joints, may touch."""
+    model = pin.buildModelFromXML(packing.cell.robot.urdf)
+    above = {f.name: set(model.supports[f.parentJoint]) for f in model.frames}
+    above |= {f"{arm.name}_tool": above[arm.flange] for arm in packing.cell.robot.arms}
+    near = [
+        tuple(pair)
+        for pair in bodies_in_pairs(packing.cell)
+        if pair <= set(above) and len(set.symmetric_difference(*(above[b] for b in pair))) <= 3
+    ]
+    _, stages = collisions(schedule, packing)
+    _, expected = collisions(schedule, in_cell(packing, allowed_contacts=tuple(near)))
+    hidden = [stage for stage in stages if stage.near]
+    assert hidden
+    assert all(stage.bodies in near or stage.bodies[::-1] in near for stage in hidden)
+    assert [stage for stage in stages if not stage.near] == list(expected)
+    least = nearest(stages)
+    assert least == min(expected, key=lambda stage: stage.margin)
+    assert min(stages, key=lambda stage: stage.margin) in hidden
+    missed = dataclasses.replace(hidden[0], margin=-1e-4)
+    assert nearest([*stages, missed]) == missed
+    assert nearest(hidden) in hidden
+    assert nearest([]) is None
+    verified = dataclasses.replace(schedule, verification=verify(schedule, packing, clearance=True))
+    report = build_report(verified, packing)
+    assert tuple(report["smallest_clearance"]["bodies"]) == least.bodies
+    assert tuple(report["near_links"]["bodies"]) in {stage.bodies for stage in hidden}
+    assert (
+        f"{' and '.join(least.bodies)} at {least.time:.3f} s; near links: " in report["collisions"]
+    )
 
 
 def test_bodies_without_a_shape_are_named(schedule, packing):
@@ -174,7 +206,7 @@ def test_a_stage_without_length_is_left_out_and_the_others_keep_their_numbers(pa
     found = plan_without_bound(job, PlanSettings(platform="fixed"))
     assert found.stages[0].end == found.stages[1].start == 0.0
     _, stages = collisions(found, job)
-    assert [stage.stage for stage in stages] == [1]
+    assert {stage.stage for stage in stages} == {1}
 
 
 def test_an_obstacle_in_the_way_is_found_with_pair_time_and_depth(schedule, packing):
@@ -351,9 +383,12 @@ def test_stages_that_overlap_have_each_the_least_of_their_own_time(schedule, pac
     left = [dataclasses.replace(stage, arm="left") for stage in schedule.stages]
     both = dataclasses.replace(schedule, stages=(whole, *left))
     _, found = collisions(both, job)
-    assert [stage.stage for stage in found] == list(range(len(schedule.stages) + 1))
-    assert [stage.margin for stage in found[1:]] == pytest.approx([s.margin for s in apart])
-    assert found[0].margin == min(stage.margin for stage in found[1:])
+    assert {stage.stage for stage in found} == set(range(len(schedule.stages) + 1))
+    later = [stage for stage in found if stage.stage]
+    assert [stage.margin for stage in later] == pytest.approx([s.margin for s in apart])
+    for near in (False, True):
+        [first] = [s for s in found if s.near is near and not s.stage]
+        assert first.margin == min(s.margin for s in later if s.near is near)
 
 
 def test_motion_between_stages_is_proven_too(schedule, packing):

@@ -52,7 +52,9 @@ export function overview(plan, go) {
   }
   const closest = report.smallest_clearance;
   if (closest) {
-    const label = `least clearance: ${closest.bodies.join(" – ")}${areNear(plan, closest.bodies) ? ", neighbouring links" : ""} (${millimetres(closest.required)} required)`;
+    const near = report.near_links;
+    const further = near && !closest.near ? `; near links ${near.bodies.join(" – ")}: ${millimetres(near.clearance)}` : "";
+    const label = `least clearance: ${closest.bodies.join(" – ")} (${millimetres(closest.required)} required)${further}`;
     figures.push(figure(millimetres(closest.clearance), label));
   }
   const remarks = report.collisions ? [sentence(`Collisions: ${report.collisions}`, closest?.time, go)] : [];
@@ -108,12 +110,6 @@ export function savings(report) {
     sentences.push(`Blending saves ${seconds(blending.gain)} (${percent(blending.share)}) compared with stops at the outer ends of lines.`);
   }
   return sentences;
-}
-
-/** Whether two bodies are links with few joints in between. @param {Plan} plan @param {[string, string]} bodies */
-function areNear({ clearances }, bodies) {
-  const near = clearances.find(({ name }) => name === "near links");
-  return near?.pairs.some((pair) => bodies.every((body) => pair.includes(body))) ?? false;
 }
 
 /** Create a paragraph that leads to a time. @param {string} text @param {number | undefined} time @param {Go} go */
