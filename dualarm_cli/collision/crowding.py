@@ -15,7 +15,7 @@ from dualarm_cli.collision.solids import WORLD, Solid, shape_solid
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
-from dualarm_cli.model.lying import SAME_SPOT, Visit, may_touch
+from dualarm_cli.model.lying import SAME_SPOT, Visit, may_touch, spot
 from dualarm_cli.records import dataclass
 
 
@@ -55,19 +55,20 @@ def crowded_stops(job: Job) -> list[Crowded]:
                 if task.allows(arm.name)
             ]
             for room, solids in rooms:
-                if room.task.id == task.id or (stop.action == "pick" and is_same_spot(stop, room)):
+                if room.task.id == task.id or (stop.action == "pick" and is_same_spot((task, stop), room)):
                     continue
                 if crowded := _crowded(job.cell, held, (task, stop), room, solids):
                     crowded_list.append(crowded)
     return crowded_list
 
 
-def is_same_spot(stop: Stop, room: PartRoom) -> bool:
-    """Check whether a stop and a room's stop have the same tool position."""
-    poses = [s.target.pose for s in (stop, room.stop) if isinstance(s.target, PoseTarget)]
-    return len(poses) == 2 and bool(
-        np.abs(poses[0].translation - poses[1].translation).max() <= SAME_SPOT
-    )
+def is_same_spot(visit: Visit, room: PartRoom) -> bool:
+    """Check whether a stop is where a room's part is, by positions of part or tool."""
+    (task, stop), there = visit, room.stop.target
+    if not isinstance(stop.target, PoseTarget) or not isinstance(there, PoseTarget):
+        return False
+    apart = np.abs(spot(task, stop.target) - spot(room.task, there)).max()
+    return bool(apart <= SAME_SPOT)
 
 
 def _crowded(

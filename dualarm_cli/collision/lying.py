@@ -14,7 +14,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import LYING, TAKES, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Handover, taken_part
+from dualarm_cli.model.part_flow import Handover, part_as_held
 from dualarm_cli.records import dataclass
 
 
@@ -61,7 +61,7 @@ def too_near(
         (begins, giving, gives, taking, arriving),
         (begins, part, held, taking, arriving),
         (ends, giving, retracted, taking, takes),
-        (ends, giving, retracted, taken_part(part, task), held),
+        (ends, giving, retracted, part_as_held(part, task), held),
     ]
     contacts = []
     for where, body, solids, other_body, other_solids in pairs:

@@ -122,6 +122,7 @@ def event_row(event: Event) -> dict[str, Any]:
         "dwell": event.dwell,
         **({"velocity": list(event.velocity)} if event.moves else {}),
         **({"signal": event.signal} if event.signal else {}),
+        **({"grasp": event.grasp} if event.grasp else {}),
     }
 
 

@@ -285,6 +285,7 @@ class _Reader(JsonReader):
             dwell=self.number(row, "dwell", f"{path}.dwell", 0.0) or 0.0,
             velocity=self.velocity(row.get("velocity"), f"{path}.velocity"),
             signal=self.text(row, "signal", f"{path}.signal"),
+            grasp=self.text(row, "grasp", f"{path}.grasp"),
         )
 
     def velocity(self, value: object, path: str) -> tuple[float, float, float]:

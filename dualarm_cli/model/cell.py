@@ -8,7 +8,7 @@ from typing import Literal
 
 import pinocchio as pin
 
-from dualarm_cli.model.part_flow import Conveyor, Pattern, taken_part
+from dualarm_cli.model.part_flow import Conveyor, Grasp, Pattern, part_as_held
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
@@ -115,13 +115,15 @@ class Cell:
     allowed_contacts: tuple[tuple[str, str], ...] = ()
     """Pairs of bodies that may touch, in addition to those of the robot."""
     parts: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
-    """Solids of each kind of part, in the frame of its tool."""
+    """Solids of each kind of part, in the frame of its tool, or (with grasps) of the part."""
     tool_changes: Mapping[str, ToolChanges] = field(default_factory=dict)
     """Tool changes by arm; arms that change no tools are missing."""
     conveyors: Mapping[str, Conveyor] = field(default_factory=dict)
     """Conveyors by name."""
     part_inertias: Mapping[str, pin.Inertia] = field(default_factory=dict)
-    """Mass, centre and rotational inertia of each kind of part, in the frame of its tool."""
+    """Mass, centre and rotational inertia of each kind of part, in the frame of its solids."""
+    grasps: Mapping[str, Mapping[str, Grasp]] = field(default_factory=dict)
+    """Grasps of parts by name; parts without any are missing."""
     torque: TorqueRule = "limited"
     """Rule for joint torques."""
     patterns: Mapping[str, Pattern] = field(default_factory=dict)
@@ -174,34 +176,34 @@ class Cell:
         tcp = self.tools[arm].tcp * self.T_own_tool(arm, load.tool)
         return tcp.act(self.part_inertias.get(load.part, pin.Inertia.Zero()))
 
-    def with_taken_part(self, part: str, task: str, grip: pin.SE3) -> Cell:
-        """Add a part, as held by the taking tool of a hand-over.
+    def with_held_part(self, part: str, how: str, grip: pin.SE3) -> Cell:
+        """Add a part as held by a grasp, or by the taking tool of a hand-over.
 
-        It has the same solids, clearances and allowed contacts as in the giving tool.
+        It has the same solids, clearances and allowed contacts as before.
 
         Args:
             part: its name.
-            task: the hand-over's.
-            grip: the taking tool's centre point in the giving tool's.
+            how: the grasp's name, or the hand-over's task.
+            grip: the holding tool's centre point in the frame of the part, or in the giving tool's.
         """
-        name, back = taken_part(part, task), grip.inverse()
+        name, back = part_as_held(part, how), grip.inverse()
         weight = self.part_inertias.get(part, pin.Inertia.Zero())
         shapes = tuple(replace(shape, pose=back * shape.pose) for shape in self.parts[part])
         clearances = [pair for pair in self.clearances if part in pair[:2]]
         contacts = [pair for pair in self.allowed_contacts if part in pair]
 
-        def in_taker(body: str) -> str:
+        def renamed(body: str) -> str:
             return name if body == part else body
 
         return replace(
             self,
             clearances=(
                 *self.clearances,
-                *((in_taker(a), in_taker(b), least) for a, b, least in clearances),
+                *((renamed(a), renamed(b), least) for a, b, least in clearances),
             ),
             allowed_contacts=(
                 *self.allowed_contacts,
-                *((in_taker(a), in_taker(b)) for a, b in contacts),
+                *((renamed(a), renamed(b)) for a, b in contacts),
             ),
             parts={**self.parts, name: shapes},
             part_inertias={**self.part_inertias, name: back.act(weight)},

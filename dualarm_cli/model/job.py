@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Literal, TypeVar
+from typing import Literal
 
 import pinocchio as pin
 
@@ -14,10 +14,11 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.cell import Cell, Held
-from dualarm_cli.model.part_flow import Buffer, Handover, OnBelt
+from dualarm_cli.model.part_flow import Buffer, Grasp, Handover, OnBelt
 from dualarm_cli.model.place import NOWHERE, Place, tasks_name
 from dualarm_cli.model.process_work import PathWork, SeamWork
 from dualarm_cli.model.robot import JointLimits, Robot
+from dualarm_cli.model.side_by_side import side_by_side
 from dualarm_cli.records import ShownInNotebooks, dataclass
 from dualarm_cli.refusals import Refusal
 
@@ -171,43 +172,6 @@ class Stop:
         return (self.action in GIVES) - (self.action in TAKES) if self.buffer else 0
 
 
-T = TypeVar("T")
-
-
-def side_by_side(
-    rows: Mapping[str, Sequence[T]],
-    meets: Callable[[T], bool],
-    needs: Callable[[T], Collection[str]],
-    ends: Callable[[T], str],
-) -> tuple[list[dict[str, T]], list[T]]:
-    """Group the work of several arms into stages; return also deadlocked items.
-
-    In each stage every arm does its next item whose prerequisites ended in earlier stages. Without prerequisites, stage
-    k has the k-th item of each arm. Each joint item (hand-over) is a stage of all arms. An arm is missing from a stage
-    if it has no more items, waits for a prerequisite, or is early at a joint item.
-
-    Args:
-        rows: items of each arm, in order; every arm with joint items has the same number of them.
-        meets: test of items that all arms do at once.
-        needs: names of the prerequisites of an item.
-        ends: name that is finished with an item; empty for none.
-    """
-    place, over = dict.fromkeys(rows, 0), set[str]()
-    stages: list[dict[str, T]] = []
-    while True:
-        heads = {name: row[place[name]] for name, row in rows.items() if place[name] < len(row)}
-        now = heads
-        if not all(meets(item) for item in heads.values()) or len(heads) < len(rows):
-            now = {name: item for name, item in heads.items() if not meets(item)}
-        now = {name: item for name, item in now.items() if over.issuperset(needs(item))}
-        if not now:
-            return stages, list(heads.values())
-        stages.append(now)
-        over.update(ends(item) for item in now.values())
-        for name in now:
-            place[name] += 1
-
-
 Mode = Literal["paired", "free"]
 Order = Literal["given", "optimise"]
 ANY = "any"
@@ -246,6 +210,14 @@ class Task:
     """Tasks whose parts its part may touch, waiting, carried or lying."""
     leaves: bool = False
     """Whether the part leaves the cell after it is placed."""
+    grasp: Grasp | None = None
+    """Grasp of its part at all stops; None for a part without grasps."""
+    grasps: tuple[Task, ...] = ()
+    """Task with each of its grasps, itself first, if the planner chooses; else empty."""
+
+    def by_grasp(self, task: Task) -> Task:
+        """Replace grasp, part and stops by those of one of `grasps`; nothing stays open."""
+        return replace(self, stops=task.stops, part=task.part, grasp=task.grasp, grasps=())
 
     def held_before(self, action: str) -> str:
         """Name the object that the arm holds on arrival; empty for nothing."""
@@ -342,15 +314,29 @@ class Job(ShownInNotebooks):
         """Shorten lines to their straight parts and round the corners of paths."""
         # Both tools of a path share its work.
         works = {id(t.path): t.path.rounded() for t in self.tasks if t.path is not None}
-        tasks = tuple(
-            replace(
+
+        def straight(task: Task) -> Task:
+            return replace(
                 task,
                 stops=tuple(stop.straight_part() for stop in task.stops),
                 path=None if task.path is None else works[id(task.path)],
+                grasps=tuple(map(straight, task.grasps)),
             )
-            for task in self.tasks
-        )
-        return replace(self, tasks=tasks)
+
+        return replace(self, tasks=tuple(map(straight, self.tasks)))
+
+    def with_grasps(self, names: Mapping[str, str]) -> Job:
+        """Decide the grasps of tasks that leave them open.
+
+        Args:
+            names: name of the grasp by task id; without one the first grasp is taken.
+        """
+
+        def decided(task: Task) -> Task:
+            named = (t for t in task.grasps if t.grasp and t.grasp.name == names.get(task.id))
+            return task.by_grasp(next(named, task)) if task.grasps else task
+
+        return replace(self, tasks=tuple(map(decided, self.tasks)))
 
     @property
     def start_posture(self) -> str:

@@ -21,7 +21,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey, Task
+from dualarm_cli.model.part_flow import kind_of_part
 from dualarm_cli.records import dataclass
 
 SAME_SPOT = 1e-6
@@ -63,7 +65,14 @@ Visit = tuple[Task, Stop]
 
 def lying_label(task: Task) -> str:
     """Name a task's part where it waits or lies, for messages."""
-    return f"{task.part.partition('@')[0]} of {task.id}"
+    return f"{kind_of_part(task.part)} of {task.id}"
+
+
+def spot(task: Task, target: PoseTarget) -> FloatArray:
+    """Locate the part at a target, or the tool for a part without grasps [m], shape (3,)."""
+    pose = target.pose if task.grasp is None else target.pose * task.grasp.pose.inverse()
+    position: FloatArray = pose.translation
+    return position
 
 
 def lying_parts(job: Job, visits: Sequence[Visit]) -> tuple[LyingPart, ...]:
@@ -109,13 +118,13 @@ def _has_shape(job: Job, task: Task) -> bool:
 
 
 def _spots(visits: Sequence[Visit]) -> list[list[Visit]]:
-    """Group stops by tool position; each stop on a belt is a group by itself."""
+    """Group stops by position of tool or part; each stop on a belt is a group by itself."""
     spots: list[list[Visit]] = []
     places = np.empty((len(visits), 3))
     for task, stop in visits:
         if not isinstance(stop.target, PoseTarget):
             continue
-        position = np.full(3, np.nan) if stop.moves else stop.target.pose.translation
+        position = np.full(3, np.nan) if stop.moves else spot(task, stop.target)
         distances = np.abs(places[: len(spots)] - position).max(axis=1, initial=0.0)
         same = np.flatnonzero(distances <= SAME_SPOT)
         if not stop.moves and len(same):

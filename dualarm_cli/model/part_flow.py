@@ -147,6 +147,29 @@ class Handover:
     """Place of the hand-over in its file."""
 
 
-def taken_part(part: str, task: str) -> str:
-    """Name a part as held by the taking tool; empty for none."""
-    return f"{part}@{task}" if part else ""
+@dataclass(frozen=True)
+class Grasp:
+    """Position of a tool on a part while it holds it."""
+
+    name: str
+    """Name in the cell file."""
+    pose: pin.SE3
+    """Fixed tool centre point in the part's frame."""
+    free_yaw: bool = False
+    """Whether the part is round about the tool's z axis."""
+    symmetry: int = 1
+    """Order of the part's rotational symmetry about the tool's z axis."""
+    approach: float | None = None
+    """Length of the straight approach to a target [m]; None for the task's."""
+    retract: float | None = None
+    """Length of the straight retract from a target [m]; None for the task's."""
+
+
+def part_as_held(part: str, how: str) -> str:
+    """Name a part as held by a grasp, or by the taking tool of a task; empty for none."""
+    return f"{part}@{how}" if part else ""
+
+
+def kind_of_part(body: str) -> str:
+    """Name the kind of a part, however it is held."""
+    return body.partition("@")[0]

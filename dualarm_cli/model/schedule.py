@@ -192,6 +192,8 @@ class Event:
     """
     signal: str = ""
     """Signal that is set at `time`; empty for none."""
+    grasp: str = ""
+    """Grasp of the part; empty for a part without grasps."""
 
     @property
     def moves(self) -> bool:

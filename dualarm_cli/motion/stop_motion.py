@@ -116,6 +116,7 @@ def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) 
         dwell=arm_stop.stop.dwell.total,
         velocity=arm_stop.stop.velocity,
         signal=arm_stop.stop.signal,
+        grasp=arm_stop.task.grasp.name if arm_stop.task.grasp is not None else "",
     )
 
 

@@ -11,6 +11,7 @@ from dualarm_cli.collision.rooms import held_part, pinned
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.model.lying import lying_label
+from dualarm_cli.model.part_flow import kind_of_part
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.notes import Note, is_about
 from dualarm_cli.planning.notes import order_note, parts_note
@@ -192,7 +193,7 @@ def _rule(job: Job, crowded: Crowded) -> tuple[str, str] | None:
         stop.action
         for task in job.tasks
         for stop in task.stops
-        if (task.id, stop.action) != room.key and is_same_spot(stop, room)
+        if (task.id, stop.action) != room.key and is_same_spot((task, stop), room)
     ]
     if room.stop.buffer:
         return None
@@ -209,15 +210,11 @@ def _refusal(key: str, crowded: Crowded) -> Refusal:
     how = "room_overlap" if apart < 0.0 else "room_gap"
     data = {
         "action": crowded.stop.action,
-        "body": _named(crowded.body),
-        "part": _named(room.task.part),
+        "body": kind_of_part(crowded.body),
+        "part": kind_of_part(room.task.part),
         "other_task": room.task.id,
         "there": room.stop.place,
         "verb": "waits" if room.stop.action == "pick" else "lies",
         "how": [Refusal(how, measured=abs(apart), allowed=crowded.needed, data={"spare": SLACK})],
     }
     return Refusal(key, crowded.stop.place, task.id, task.arm, data=data)
-
-
-def _named(part: str) -> str:
-    return part.partition("@")[0]

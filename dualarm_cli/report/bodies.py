@@ -12,6 +12,7 @@ import pinocchio as pin
 from dualarm_cli.collision.solids import cell_solids, shaped_hands, tools_without_shape
 from dualarm_cli.model.job import TAKES, Job, JointTarget
 from dualarm_cli.model.lying import lying_parts
+from dualarm_cli.model.part_flow import kind_of_part
 from dualarm_cli.notes import Note, NoteTable, listed
 
 _note = NoteTable(
@@ -33,7 +34,7 @@ def bodies(job: Job) -> dict[str, Any]:
     carried = {joint: _links_of(model, joint) for joint in range(model.njoints)}
     link_names = {link for links in carried.values() for link in links}
     # A part that is handed over has a second name in the taker's hand.
-    names = dict.fromkeys(solid.body.partition("@")[0] for solid in solids)
+    names = dict.fromkeys(kind_of_part(solid.body) for solid in solids)
     links = [name for name in names if name in link_names]
     others = [name for name in names if name not in link_names]
     shaped = {solid.joint for solid in solids}

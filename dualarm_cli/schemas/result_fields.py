@@ -115,6 +115,7 @@ class ScheduleEvent(TypedDict):
     dwell: Annotated[float, "s", "How long the tool stands there."]
     velocity: Annotated[tuple[float, float, float], "m/s", "Velocity of the conveyor that the tool moves with during the dwell; absent where it stands."]
     signal: Annotated[str, "", "Name of the signal that is set then; absent where there is none."]
+    grasp: Annotated[str, "", "Name of the grasp of the part; absent for a part without grasps."]
 
 
 class ScheduleMotion(TypedDict):

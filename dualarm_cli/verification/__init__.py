@@ -22,6 +22,7 @@ from dualarm_cli.verification.clearance_checks import (
     check_shapes,
 )
 from dualarm_cli.verification.delay_checks import arm_delays, check_skew
+from dualarm_cli.verification.grasp_checks import check_grasps
 from dualarm_cli.verification.kind_checks import Evidence, Subject
 from dualarm_cli.verification.measuring.criteria import NO_TASKS, not_checked
 from dualarm_cli.verification.measuring.line_spans import line_spans
@@ -244,6 +245,7 @@ def _job_checks(evidence: Evidence) -> list[Check]:
         second = [check_precedence(schedule, job, spans), check_windows(schedule, job)]
         third = [check_pairing(schedule, done, spans), check_dwells(schedule, done)]
         third += [*check_ends(schedule, job), *check_signals(schedule, done)]
+        third += check_grasps(schedule, job)
     return [
         *first,
         *_kind_checks("order", evidence),

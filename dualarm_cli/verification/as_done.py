@@ -10,11 +10,12 @@ import numpy as np
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import ANY, AT_STANDS, Job, StopKey, Task
 from dualarm_cli.model.schedule import Event, Schedule, Stage
+from dualarm_cli.verification.grasp_checks import with_measured_grasps
 from dualarm_cli.verification.measuring.tolerances import TOL
 
 
 def job_as_done(schedule: Schedule, job: Job) -> Job:
-    """Decide the arms, order and pairing of a job as in a schedule.
+    """Decide the grasps, arms, order and pairing of a job as in a schedule.
 
     Added work, such as tool changes, becomes tasks too, each before the next task of its arm. A task that any arm may
     do gets the arm of its first event, and stays open if it has none. Whether this is allowed and complete is for the
@@ -24,6 +25,7 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
         schedule: with the events of all arms.
         job: as in its file.
     """
+    job = with_measured_grasps(schedule, job)
     changes = [task for kind in of_kinds("checks") for task in kind.added(schedule, job)]
     if job.is_decided:
         return replace(job, tasks=_with_changes(schedule, job, changes)) if changes else job

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Handover, taken_part
+from dualarm_cli.model.part_flow import Handover, part_as_held
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event
 
@@ -31,7 +31,7 @@ def hand(name, giver):
     return (
         Task(name, giver, (stop("pick"), stop("give")), part="box", handover=work),
         Task(
-            name, taker, (stop("take"), stop("place")), part=taken_part("box", name), handover=work
+            name, taker, (stop("take"), stop("place")), part=part_as_held("box", name), handover=work
         ),
     )
 

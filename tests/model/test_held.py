@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.model.cell import Cell, ChangedTool, Tool, ToolChanges
 from dualarm_cli.model.job import ANY, Dwell, Job, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Conveyor, Handover, OnBelt, taken_part
+from dualarm_cli.model.part_flow import Conveyor, Handover, OnBelt, part_as_held
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.shape import Shape
@@ -91,9 +91,9 @@ def test_a_changed_tool_begins_where_the_flange_does() -> None:
 def test_a_taken_part_hangs_in_the_other_tool_with_the_same_neighbours() -> None:
     """The taking tool 0.4 m ahead and half a turn about z: the part is 0.4 m behind it, its x turned round."""
     grip = ahead(0.4, np.pi)
-    name = taken_part("plate", "flip")
-    assert (name, taken_part("", "flip")) == ("plate@flip", "")
-    cell = CELL.with_taken_part("plate", "flip", grip)
+    name = part_as_held("plate", "flip")
+    assert (name, part_as_held("", "flip")) == ("plate@flip", "")
+    cell = CELL.with_held_part("plate", "flip", grip)
     assert set(cell.parts) == {"plate", name}
     np.testing.assert_allclose(cell.parts[name][0].pose.translation, [-0.1, 0, -0.4], atol=1e-12)
     assert cell.parts[name][0].size == CELL.parts["plate"][0].size

@@ -21,6 +21,8 @@ from dualarm_cli.files.source.fields import (
     Scale,
     Section,
     Size,
+    StraightLine,
+    Symmetry,
     ToolPose,
     ToolSpeed,
     ToolVector3,
@@ -168,11 +170,42 @@ def _check_moments(moments: list[float]) -> None:
         )
 
 
+class GraspSection(ToolPose):
+    """Position of a tool on a part, with the part's symmetry about the tool's z axis."""
+
+    free: Literal["yaw"] | None = Field(
+        default=None, description="yaw: the part is round about the tool's z axis."
+    )
+    symmetry: Symmetry | None = Field(
+        default=None,
+        description="Number of turns about the tool's z axis after which the part looks the same.",
+    )
+    approach: StraightLine | None = Field(
+        default=None,
+        description="Straight approach along the tool's z axis [m]; default: that of the task.",
+    )
+    retract: StraightLine | None = Field(
+        default=None,
+        description="Straight retract along the tool's z axis [m]; default: that of the task.",
+    )
+
+    @model_validator(mode="after")
+    def _one_freedom(self) -> GraspSection:
+        if self.free is not None and self.symmetry is not None:
+            raise refuse("a part that is round looks the same at every turn; keep 'free'", "symmetry")
+        return self
+
+
 class PartSection(WeighedSection):
     """A kind of part that a tool carries."""
 
     shapes: Annotated[list[ToolShapeSection], Field(min_length=1)] = Field(
-        description="Solids in the frame of the tool centre point."
+        description="Solids in the frame of the tool centre point; with `grasps` in the part's frame."
+    )
+    grasps: Annotated[dict[Name, GraspSection], ByName("grasp")] = Field(
+        default_factory=dict,
+        description="Poses of the tool centre point in the part's frame, by name; with them, targets of tasks "
+        "with the part are poses of the part.",
     )
 
 

@@ -23,11 +23,12 @@ from dualarm_cli.files.source.fields import (
     SpeedFraction,
     StraightLine,
     StraightPart,
+    Symmetry,
     Vector3,
     quantity_schema,
     refuse,
 )
-from dualarm_cli.files.source.short_forms import ShortForm
+from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.part_flow import PlaceOrder
@@ -153,7 +154,7 @@ class TargetSection(FramedPose):
     free: Literal["yaw"] | None = Field(
         default=None, description="yaw: any rotation about the tool's z axis is allowed."
     )
-    symmetry: Annotated[int, Field(ge=1, le=360)] | None = Field(
+    symmetry: Symmetry | None = Field(
         default=None,
         description="Number of equivalent rotations about the tool's z axis in a full turn.",
     )
@@ -260,6 +261,10 @@ class TaskSection(TaskHead):
 
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
+    )
+    grasp: Annotated[list[Name], OneOrMore(), Field(min_length=1)] | None = Field(
+        default=None,
+        description="Grasp of the part, or a list of grasps to choose from; default: all of the part in the cell file.",
     )
     touches: list[Name] = Field(
         default_factory=list,

@@ -24,6 +24,7 @@ from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.curves import CurveReader
+from dualarm_cli.files.tasks.grasps import grasped
 from dualarm_cli.files.tasks.schema_tasks import (
     SIGNAL_KEYS,
     DefaultsSection,
@@ -237,9 +238,13 @@ class TaskReader:
                 continue
             stops = self.stops(section, loc, arm)
             task = self.task(section, loc, arm, stops, self.part(section, loc))
+            choices = grasped(self, section, loc, task)
             for kind in self._kinds:
-                task = kind.task(self, section, loc, task)
-            tasks += self.signalled([task], section, loc)
+                choices = [kind.task(self, section, loc, choice) for choice in choices]
+            choices = self.signalled(choices, section, loc)
+            tasks.append(
+                replace(choices[0], grasps=tuple(choices)) if len(choices) > 1 else choices[0]
+            )
         return tuple(tasks)
 
     def signalled(self, shares: Sequence[Task], section: TaskSection, loc: Loc) -> list[Task]:

@@ -10,10 +10,12 @@ from pydantic import Field, model_validator
 
 from dualarm_cli.files.source.fields import FramedPose, Name, ToolPose, refuse, to_se3
 from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
+from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Handover, taken_part
+from dualarm_cli.model.part_flow import Handover, part_as_held
 from dualarm_cli.model.place import Place
 
 _NO_FREEDOM = {
@@ -93,9 +95,13 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
         reader.note(place, message)
         return []
     taker = ANY if arm == ANY else next(name for name in reader.arms if name != arm)
+    part = reader.part(section, loc)
+    if part in reader.cell.grasps:
+        message = f"part {quote(part)} has grasps, which do not go with 'handover' in this version; name a part without them"
+        reader.note(place, message, NOT_AVAILABLE)
     meets = reader.targets.pose(handover, handover.at, place)
     stops = {stop.action: stop for stop in reader.stops(section, loc, arm, taker)}
-    whole = reader.task(section, loc, arm, (), reader.part(section, loc))
+    whole = reader.task(section, loc, arm, (), part)
     if meets is None or len(stops) < 2:
         return []
     picks = stops["pick"], stops["place"]
@@ -131,7 +137,7 @@ def handover_shares(
             whole,
             arm=taker,
             stops=(take, put),
-            part=taken_part(whole.part, whole.id),
+            part=part_as_held(whole.part, whole.id),
             handover=work,
         ),
     ]
@@ -144,7 +150,7 @@ def with_taken_parts(document: Document, model: TasksFile, job: Job) -> Job:
         work = task.handover
         # The giving task comes first; the taking task's part is created here.
         if work is not None and task.stops[0].action == "pick" and task.part:
-            cell = cell.with_taken_part(task.part, task.id, work.grip)
+            cell = cell.with_held_part(task.part, task.id, work.grip)
     return replace(job, cell=cell)
 
 

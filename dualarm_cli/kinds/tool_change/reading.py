@@ -101,7 +101,12 @@ def with_tool(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) ->
         replace(stop, target=_in_own_frame(reader, stop.target, (*loc, stop.action), arm, tool))
         for stop in task.stops
     ]
-    return replace(task, arm=arm, stops=tuple(stops), tool=tool)
+    grasp = task.grasp
+    if grasp is not None and tool:
+        capable = next(name for name in reader.arms if tool in reader.cell.tool_names(name))
+        T_tool_own = reader.cell.T_own_tool(capable if arm == ANY else arm, tool).inverse()
+        grasp = replace(grasp, pose=grasp.pose * T_tool_own)
+    return replace(task, arm=arm, stops=tuple(stops), tool=tool, grasp=grasp)
 
 
 def _default(defaults: DefaultsSection) -> str | None:

@@ -351,11 +351,11 @@ def others_parts(job: Job, arm: str) -> tuple[Visit, ...]:
     visits = [(task, stop) for task in job.tasks for stop in task.stops]
     keys = {lying.key[1:] for lying in lying_parts(job, visits) if lying.task.arm != arm}
     keys -= {crowded.room.key for crowded in crowded_stops(job) if crowded.task.arm == arm}
-    arm_stops = [stop for task, stop in visits if task.arm == arm]
+    arm_visits = [visit for visit in visits if visit[0].arm == arm]
     return tuple(
         (room.task, room.stop)
         for room in rooms_of(job)
-        if room.key in keys and not any(is_same_spot(stop, room) for stop in arm_stops)
+        if room.key in keys and not any(is_same_spot(visit, room) for visit in arm_visits)
     )
 
 

@@ -125,6 +125,10 @@ CRITERIA: Mapping[str, Mapping[str, Criterion]] = {
         "signals": Criterion(
             "", "Events with another signal than their task's; listed for jobs with signals."
         ),
+        "grasps": Criterion(
+            "",
+            "Picks and places by another grasp than allowed, stated or used before; listed for parts with grasps.",
+        ),
         "start_posture": Criterion(
             "rad", "Distance from the start posture.", "start: free leaves it to the planner"
         ),

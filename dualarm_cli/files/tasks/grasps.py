@@ -1,0 +1,108 @@
+"""Grasps of parts: from the pose of a part to the tool's targets, by each grasp of a task."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.model.job import PoseTarget, Stop, Task
+from dualarm_cli.model.part_flow import Grasp, part_as_held
+
+if TYPE_CHECKING:
+    from dualarm_cli.files.source.yaml_source import Loc
+    from dualarm_cli.files.tasks.schema_tasks import TaskSection
+    from dualarm_cli.files.tasks.task_reader import TaskReader
+
+COAXIAL = 1e-6
+"""Largest distance between the z axes of tool and part for common turns [m, rad]."""
+
+
+def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> list[Task]:
+    """Build a task with each grasp that it may use; unchanged for a part without grasps.
+
+    Args:
+        reader: of the file; errors are noted there.
+        section: the task as the file has it.
+        loc: where it stands.
+        task: the task with targets as the file has them.
+    """
+    grasps = reader.cell.grasps.get(task.part, {})
+    if not grasps:
+        if section.grasp is not None:
+            part = f"part {quote(task.part)} has no grasps" if task.part else "it carries no part"
+            reader.note((*loc, "grasp"), f"{part}; name them in the cell file, or remove 'grasp'")
+        return [task]
+    names = list(grasps) if section.grasp is None else section.grasp
+    if not _are_known(reader, loc, names, grasps) or not _are_posed(reader, section, loc):
+        return [task]
+    return [_by_grasp(reader, section, loc, task, grasps[name]) for name in names]
+
+
+def _are_known(
+    reader: TaskReader, loc: Loc, names: list[str], grasps: Mapping[str, Grasp]
+) -> bool:
+    """Check that a part has all named grasps; note unknown and repeated ones."""
+    good = True
+    for k, name in enumerate(names):
+        if name in grasps and name not in names[:k]:
+            continue
+        message = f"{quote(name)} is in the list already; remove it"
+        if name not in grasps:
+            hint = suggest(name, list(grasps), "grasps")
+            message = f"the part has no grasp {quote(name)}{hint}"
+        reader.note((*loc, "grasp", k), message)
+        good = False
+    return good
+
+
+def _are_posed(reader: TaskReader, section: TaskSection, loc: Loc) -> bool:
+    """Check that pick and place are poses of the part; note joint positions."""
+    good = True
+    for action in ("pick", "place"):
+        target = getattr(section, action)
+        if target is not None and target.by_joints is not None:
+            message = (
+                "the part has grasps, so its targets are poses of the part, which joint positions do not give; "
+                "give xyz, with rpy or quat"
+            )
+            reader.note((*loc, action, target.by_joints), message)
+            good = False
+    return good
+
+
+def _by_grasp(
+    reader: TaskReader, section: TaskSection, loc: Loc, task: Task, grasp: Grasp
+) -> Task:
+    """Build a task with one grasp: T_world_tool = T_world_part T_part_tool."""
+    tilt = float(np.hypot(*grasp.pose.rotation[:2, 2]))
+    is_coaxial = max(tilt, float(np.hypot(*grasp.pose.translation[:2]))) <= COAXIAL
+
+    def held(stop: Stop) -> Stop:
+        target = stop.target
+        assert isinstance(target, PoseTarget)  # others are refused before
+        key = "free" if target.free_yaw else "symmetry"
+        if (target.free_yaw or target.symmetry > 1) and not is_coaxial:
+            message = (
+                f"it turns the part about its z axis, which is not the tool's in grasp {quote(grasp.name)}; "
+                f"remove {quote(key)}, or that grasp from the task"
+            )
+            reader.note((*loc, stop.action, key), message)
+        target = PoseTarget(
+            target.pose * grasp.pose,
+            target.free_yaw or grasp.free_yaw,
+            math.lcm(target.symmetry, grasp.symmetry),
+        )
+        approach, retract = stop.approach, stop.retract
+        if section.approach is None and grasp.approach is not None:
+            approach = grasp.approach
+        if section.retract is None and grasp.retract is not None:
+            retract = grasp.retract
+        return replace(stop, target=target, approach=approach, retract=retract)
+
+    stops = tuple(map(held, task.stops))
+    return replace(task, stops=stops, part=part_as_held(task.part, grasp.name), grasp=grasp)
