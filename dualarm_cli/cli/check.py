@@ -108,6 +108,7 @@ def _impossible(loaded: Loaded) -> list[Diagnostic]:
     """Return what makes a job impossible whatever is planned, as `dualarm plan` refuses it."""
     from dualarm_cli.errors import Diagnostic
     from dualarm_cli.model.job import Job
+    from dualarm_cli.planning.grasps import possible_grasps
     from dualarm_cli.planning.job_faults import job_faults
     from dualarm_cli.refusals import codes
 
@@ -115,7 +116,7 @@ def _impossible(loaded: Loaded) -> list[Diagnostic]:
         return []
     return [
         Diagnostic(*fault.place.order, codes()[fault.key], fault.advised, about=fault.about)
-        for fault in job_faults(loaded.blended())
+        for fault in possible_grasps(loaded.blended(), job_faults)[1]
         if fault.place is not None
     ]
 

@@ -55,7 +55,9 @@ def crowded_stops(job: Job) -> list[Crowded]:
                 if task.allows(arm.name)
             ]
             for room, solids in rooms:
-                if room.task.id == task.id or (stop.action == "pick" and is_same_spot((task, stop), room)):
+                if room.task.id == task.id or (
+                    stop.action == "pick" and is_same_spot((task, stop), room)
+                ):
                     continue
                 if crowded := _crowded(job.cell, held, (task, stop), room, solids):
                     crowded_list.append(crowded)

@@ -115,7 +115,7 @@ class Cell:
     allowed_contacts: tuple[tuple[str, str], ...] = ()
     """Pairs of bodies that may touch, in addition to those of the robot."""
     parts: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
-    """Solids of each kind of part, in the frame of its tool, or (with grasps) of the part."""
+    """Solids of each kind of part in its tool's frame; with grasps in its own."""
     tool_changes: Mapping[str, ToolChanges] = field(default_factory=dict)
     """Tool changes by arm; arms that change no tools are missing."""
     conveyors: Mapping[str, Conveyor] = field(default_factory=dict)

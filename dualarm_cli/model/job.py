@@ -211,7 +211,7 @@ class Task:
     leaves: bool = False
     """Whether the part leaves the cell after it is placed."""
     grasp: Grasp | None = None
-    """Grasp of its part at all stops; None for a part without grasps."""
+    """Grasp of its part at pick and place, or None."""
     grasps: tuple[Task, ...] = ()
     """Task with each of its grasps, itself first, if the planner chooses; else empty."""
 
@@ -347,6 +347,11 @@ class Job(ShownInNotebooks):
     def start_joints(self) -> FloatArray:
         """Joint values at the start [rad or m], shape (n,)."""
         return self.cell.robot.postures[self.start_posture] if self.begin is None else self.begin
+
+    @property
+    def chooses_grasps(self) -> bool:
+        """Whether the planner chooses the grasp of any task."""
+        return any(task.grasps for task in self.tasks)
 
     @property
     def is_decided(self) -> bool:

@@ -69,7 +69,10 @@ def lying_label(task: Task) -> str:
 
 
 def spot(task: Task, target: PoseTarget) -> FloatArray:
-    """Locate the part at a target, or the tool for a part without grasps [m], shape (3,)."""
+    """Locate the part at a target [m], shape (3,).
+
+    For a part without grasps it is the position of the tool.
+    """
     pose = target.pose if task.grasp is None else target.pose * task.grasp.pose.inverse()
     position: FloatArray = pose.translation
     return position
@@ -118,7 +121,7 @@ def _has_shape(job: Job, task: Task) -> bool:
 
 
 def _spots(visits: Sequence[Visit]) -> list[list[Visit]]:
-    """Group stops by position of tool or part; each stop on a belt is a group by itself."""
+    """Group stops by spot; each stop on a belt is a group by itself."""
     spots: list[list[Visit]] = []
     places = np.empty((len(visits), 3))
     for task, stop in visits:

@@ -166,7 +166,7 @@ class Grasp:
 
 
 def part_as_held(part: str, how: str) -> str:
-    """Name a part as held by a grasp, or by the taking tool of a task; empty for none."""
+    """Name a part as held by a grasp or by a taking tool; empty for none."""
     return f"{part}@{how}" if part else ""
 
 

@@ -56,6 +56,11 @@ parts_note = NoteTable(
     "parts",
     yaw="parts: near others these keep the yaw of the file, although it is free: {stops:*, }",
 )
+grasp_note = NoteTable(
+    "grasps",
+    chosen="grasps: chosen by estimates on the grid of the search and by whole plans; the lower bound is for the "
+    "chosen grasps, others may be faster",
+)
 effort_note = NoteTable(
     "effort",
     only="effort: the plan of {made} effort was taken, as {effort} found none",

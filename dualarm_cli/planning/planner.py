@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from dualarm_cli.background import BackgroundCall
-from dualarm_cli.bound.bound import bound_note, no_bound
+from dualarm_cli.bound.bound import LowerBound, bound_note, no_bound
 from dualarm_cli.bound.job_bound import JobBound
 from dualarm_cli.effort import TrialEffort, less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
@@ -20,7 +20,7 @@ from dualarm_cli.notes import is_about
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.decided_plan import decided_plan
-from dualarm_cli.planning.notes import effort_note, order_note
+from dualarm_cli.planning.notes import effort_note, grasp_note, order_note
 from dualarm_cli.planning.planned_job import PlannedJob, Route, resolve
 
 T = TypeVar("T")
@@ -35,12 +35,32 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
         watch: receives what is being done, and may end a search for orders early.
     """
     watch = watch or Watch(limit=settings.time_limit)
+    if not job.chooses_grasps:
+        return _with_bound(job, settings, watch)
+    from dualarm_cli.planning.grasps import quickest_by_grasps
+
+    def unbounded(decided: Job) -> Schedule:
+        return _with_bound(decided, settings, watch, is_bounded=False)
+
+    schedule, decided = quickest_by_grasps(job, settings, watch, unbounded)
+    watch.report("computing the lower bound")
+    work = resolve(decided, settings)
+    bound = JobBound(decided, work.closed_forms, work.kinds, settings.effort, work.blending)
+    least = _until_seen_enough(watch, bound.value) or no_bound(bound_note("interrupted"))
+    notes = (*schedule.notes, grasp_note("chosen"), *least.assumptions)
+    return replace(schedule, lower_bound=least.value, notes=notes)
+
+
+def _with_bound(
+    job: Job, settings: PlanSettings, watch: Watch, *, is_bounded: bool = True
+) -> Schedule:
+    """Plan a job with decided grasps, also with less effort, and bound it from below."""
     watch.report("reading the robot")
     work = resolve(job, settings)
     bound = JobBound(job, work.closed_forms, work.kinds, settings.effort, work.blending)
     notes: list[str] = []
     with (
-        BackgroundCall(bound.value) as bounding,
+        BackgroundCall(bound.value if is_bounded else lambda: LowerBound(None, ())) as bounding,
         BackgroundCall(lambda: _of_less_effort(work)) as background,
     ):
         try:
@@ -87,6 +107,17 @@ def plan_without_bound(
         InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
     """
     watch = watch or Watch(limit=settings.time_limit)
+    if job.chooses_grasps:
+        from dualarm_cli.planning.grasps import quickest_by_grasps
+
+        return quickest_by_grasps(
+            job,
+            settings,
+            watch,
+            lambda decided: plan_without_bound(
+                decided, settings, watch, check_collisions=check_collisions
+            ),
+        )[0]
     watch.report("reading the robot")
     return _planned(resolve(job, settings, check_collisions=check_collisions), watch)
 

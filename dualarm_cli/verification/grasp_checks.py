@@ -31,9 +31,9 @@ def with_measured_grasps(schedule: Schedule, job: Job) -> Job:
     def measured(task: Task) -> Task:
         if not task.grasps:
             return task
-        own = events.get(task.id, ())
-        stated = own[0].grasp if own else ""
-        best = min(task.grasps, key=lambda t: (_error(t, own), _name(t) != stated))
+        task_events = events.get(task.id, ())
+        stated = task_events[0].grasp if task_events else ""
+        best = min(task.grasps, key=lambda t: (_error(t, task_events), _name(t) != stated))
         return task.by_grasp(best)
 
     return replace(job, tasks=tuple(map(measured, job.tasks)))
@@ -60,9 +60,7 @@ def check_grasps(schedule: Schedule, job: Job) -> list[Check]:
         by_grasp = {_name(choice): choice for choice in task.grasps or (task,)}
         used: list[set[str]] = []
         for event in events.get(task.id, ()):
-            used.append(
-                {n for n, t in by_grasp.items() if _error(t, [event]) <= TOL.pose_distance}
-            )
+            used.append({n for n, t in by_grasp.items() if _error(t, [event]) <= TOL.pose_distance})
             if event.grasp not in used[-1]:
                 measured = " or ".join(sorted(used[-1])) or "no allowed grasp"
                 stated = event.grasp or "none"

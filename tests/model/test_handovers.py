@@ -31,7 +31,11 @@ def hand(name, giver):
     return (
         Task(name, giver, (stop("pick"), stop("give")), part="box", handover=work),
         Task(
-            name, taker, (stop("take"), stop("place")), part=part_as_held("box", name), handover=work
+            name,
+            taker,
+            (stop("take"), stop("place")),
+            part=part_as_held("box", name),
+            handover=work,
         ),
     )
 

@@ -14,9 +14,9 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.curves.tool_path import Line, ToolPath
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
-from dualarm_cli.model.side_by_side import side_by_side
 from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
+from dualarm_cli.model.side_by_side import side_by_side
 
 HERE = pin.SE3.Identity()
 

@@ -192,7 +192,9 @@ class GraspSection(ToolPose):
     @model_validator(mode="after")
     def _one_freedom(self) -> GraspSection:
         if self.free is not None and self.symmetry is not None:
-            raise refuse("a part that is round looks the same at every turn; keep 'free'", "symmetry")
+            raise refuse(
+                "a part that is round looks the same at every turn; keep 'free'", "symmetry"
+            )
         return self
 
 

@@ -1,4 +1,4 @@
-"""Grasps of parts: from the pose of a part to the tool's targets, by each grasp of a task."""
+"""Grasps of tasks: from poses of a part to the tool's targets."""
 
 from __future__ import annotations
 
@@ -34,7 +34,11 @@ def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> l
     grasps = reader.cell.grasps.get(task.part, {})
     if not grasps:
         if section.grasp is not None:
-            part = f"part {quote(task.part)} has no grasps" if task.part else "it carries no part"
+            part = (
+                f"part {quote(task.part)} has no grasps"
+                if task.part
+                else "the task carries no part"
+            )
             reader.note((*loc, "grasp"), f"{part}; name them in the cell file, or remove 'grasp'")
         return [task]
     names = list(grasps) if section.grasp is None else section.grasp
@@ -43,9 +47,7 @@ def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> l
     return [_by_grasp(reader, section, loc, task, grasps[name]) for name in names]
 
 
-def _are_known(
-    reader: TaskReader, loc: Loc, names: list[str], grasps: Mapping[str, Grasp]
-) -> bool:
+def _are_known(reader: TaskReader, loc: Loc, names: list[str], grasps: Mapping[str, Grasp]) -> bool:
     """Check that a part has all named grasps; note unknown and repeated ones."""
     good = True
     for k, name in enumerate(names):
@@ -75,9 +77,7 @@ def _are_posed(reader: TaskReader, section: TaskSection, loc: Loc) -> bool:
     return good
 
 
-def _by_grasp(
-    reader: TaskReader, section: TaskSection, loc: Loc, task: Task, grasp: Grasp
-) -> Task:
+def _by_grasp(reader: TaskReader, section: TaskSection, loc: Loc, task: Task, grasp: Grasp) -> Task:
     """Build a task with one grasp: T_world_tool = T_world_part T_part_tool."""
     tilt = float(np.hypot(*grasp.pose.rotation[:2, 2]))
     is_coaxial = max(tilt, float(np.hypot(*grasp.pose.translation[:2]))) <= COAXIAL

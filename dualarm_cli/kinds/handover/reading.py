@@ -9,8 +9,8 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from dualarm_cli.files.source.fields import FramedPose, Name, ToolPose, refuse, to_se3
-from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE
@@ -97,7 +97,10 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
     taker = ANY if arm == ANY else next(name for name in reader.arms if name != arm)
     part = reader.part(section, loc)
     if part in reader.cell.grasps:
-        message = f"part {quote(part)} has grasps, which do not go with 'handover' in this version; name a part without them"
+        message = (
+            f"part {quote(part)} has grasps, which do not go with 'handover' in this version; "
+            "name a part without them"
+        )
         reader.note(place, message, NOT_AVAILABLE)
     meets = reader.targets.pose(handover, handover.at, place)
     stops = {stop.action: stop for stop in reader.stops(section, loc, arm, taker)}

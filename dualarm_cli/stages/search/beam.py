@@ -432,6 +432,11 @@ def _options(
         came = int(arm.chain.previous[k])
         without = free_columns(problem, a, layer, arm.layers[came] if came >= 0 else None)
         cost = arm.table.times(states.joints[a], layer.approach, without)
+        if arm.linked is not None and arm.linked[k]:
+            before = arm.layers[came]
+            assert before is not None  # a linked stage follows another one of the arm
+            target = before.decisions.target[states.node[a]]
+            cost = np.where(target[:, None] == layer.decisions.target, cost, np.float32(np.inf))
     cost = cost + layer.work
     if beam.varied:
         border = problem.settings.quadrant_border

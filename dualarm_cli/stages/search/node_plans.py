@@ -139,7 +139,7 @@ class NodePlans:
 
 
 @dataclass(frozen=True)
-class _StageNodes:
+class StageNodes:
     """Nodes of a grid, computed stage by stage."""
 
     problem: SequenceProblem
@@ -210,7 +210,7 @@ def plans_on_nodes(
         angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
     if near is not None and loose is not None:
         angles[~loose] = near.decisions.angle[~loose, None]
-    made = _StageNodes(problem, mesh, angles, near, loose)
+    made = StageNodes(problem, mesh, angles, near, loose)
     # Few stages' nodes are made faster than a process is copied.
     least = 2 if problem.stages >= problem.settings.shared_stages else len(problem.arms) + 1
     arms = tuple(map_halves(made.layers, range(len(problem.arms)), least))

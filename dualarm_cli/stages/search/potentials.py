@@ -15,7 +15,7 @@ from dualarm_cli.stages.plans.candidates import Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.source import given_postures
 from dualarm_cli.stages.plans.times import TransferChain
-from dualarm_cli.timing.transfer_table import Coordinates, TransferTable
+from dualarm_cli.timing.transfer_table import Coordinates, TransferTable, rows_of
 
 Times = NDArray[np.float32]
 
@@ -36,6 +36,17 @@ class Layer:
     """Joints and platform where the retract ends, in steps, shape (c, n)."""
     work: Times
     """Time of approach, dwell and retract [s], shape (n,)."""
+
+    def take(self, rows: IntArray) -> Layer:
+        """Select nodes, which stay in order of platform angle."""
+        return Layer(
+            self.decisions.take(rows),
+            self.angle_index[rows],
+            self.free_last,
+            rows_of(self.approach, rows),
+            rows_of(self.retract, rows),
+            self.work[rows],
+        )
 
     def by_angle(self, f: int) -> IntArray:
         """List each platform angle's nodes, (f, w), padded with the node count."""
@@ -63,6 +74,11 @@ class ArmLayers:
     """Part of the potentials due to each idle stage [s], 0 elsewhere, shape (n,)."""
     bound: float
     """Least time of the whole sequence as this arm sees it [s]."""
+    linked: BoolArray | None = None
+    """Flags of stages that keep the target number of the arm's stage before, shape (n,).
+
+    None for no such stage.
+    """
 
     def decided(self, work: ArmWork, chosen: IntArray) -> ArmDecisions:
         """Convert the node chosen in each stage, -1 where idle, shape (n,), to decisions."""

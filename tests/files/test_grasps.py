@@ -1,0 +1,175 @@
+# ruff: noqa: E501 (tables of exact messages, one a line)
+"""Grasps in cell and task files: the tool's targets, the part as held, and every mistake at its place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
+
+Change = Callable[..., None]
+Messages = Callable[..., list[str]]
+
+PARTS = """\
+parts:
+  block:
+    mass: 2 kg
+    center_of_mass: [10 mm, 0, 0]
+    shapes: [{box: [40 mm, 60 mm, 80 mm], xyz: [0, 0, 40 mm]}]
+    grasps:
+      top:  {xyz: [0, 0, 80 mm], rpy: [180 deg, 0, 0], symmetry: 2, approach: 50 mm}
+      side: {xyz: [20 mm, 0, 40 mm], rpy: [0, -90 deg, 0], retract: 20 mm}
+  plain: {shapes: [{sphere: 10 mm}]}
+clearances: [{between: [block, table], clearance: 5 mm}]
+clearance:"""
+TASK = """\
+dualarm: tasks/1
+cell: cell.yaml
+start: bent
+defaults: {approach: 80 mm, retract: 60 mm}
+tasks:
+  - id: a
+    arm: left
+    part: block
+    pick: {at: bin, xyz: [0, 0, 0]}
+    place: {xyz: [0.2, 0.5, 0.7]}
+"""
+
+
+@pytest.fixture
+def block(project: Path, change: Change) -> Path:
+    """The tiny project with a part that two grasps hold."""
+    (project / "tasks.yaml").write_text(TASK)
+    change("cell.yaml", "clearance:", PARTS)
+    return project
+
+
+def by_name() -> dict[str, Task]:
+    """The only task by each of its grasps."""
+    [task] = load_job("tasks.yaml").tasks
+    return {t.grasp.name: t for t in task.grasps or (task,) if t.grasp is not None}
+
+
+def pose(stop: Stop) -> pin.SE3:
+    """The pose of a stop."""
+    assert isinstance(stop.target, PoseTarget)
+    return stop.target.pose
+
+
+def test_the_tool_goes_to_the_pose_of_the_part_times_that_of_the_grasp(block: Path) -> None:
+    """Hand arithmetic: the bin is at (0.4, 0.1, 0.7), turned by 90° about z, so that its x is the world's y."""
+    tasks = by_name()
+    assert list(tasks) == ["top", "side"]
+    pick, place = tasks["top"].stops
+    assert pose(pick).translation == pytest.approx([0.4, 0.1, 0.78])
+    assert pose(pick).rotation[:, 2] == pytest.approx([0, 0, -1], abs=1e-12)
+    assert pose(place).translation == pytest.approx([0.2, 0.5, 0.78])
+    pick, place = tasks["side"].stops
+    assert pose(pick).translation == pytest.approx([0.4, 0.12, 0.74])
+    # The tool looks along -x of the part.
+    assert pose(pick).rotation[:, 2] == pytest.approx([0, -1, 0], abs=1e-12)
+    assert pose(place).translation == pytest.approx([0.22, 0.5, 0.74])
+    lines = {name: {(s.approach, s.retract) for s in t.stops} for name, t in tasks.items()}
+    assert lines == {"top": {(0.05, 0.06)}, "side": {(0.08, 0.02)}}
+
+
+def test_the_part_is_the_same_body_in_the_world_however_it_is_held(block: Path) -> None:
+    """A corner, the centre of mass and the rules of its body at the pick, from either grasp."""
+    job = load_job("tasks.yaml")
+    for name, task in by_name().items():
+        assert task.part == f"block@{name}"
+        [solid] = job.cell.parts[task.part]
+        tool = pose(task.stops[0])
+        corner = tool.act(solid.pose.act(np.array([0.02, 0.03, 0.04])))
+        # Part's (20, 30, 80) mm: x of the part is y of the world, y is -x.
+        assert corner == pytest.approx([0.4 - 0.03, 0.1 + 0.02, 0.78])
+        inertia = job.cell.part_inertias[task.part]
+        assert inertia.mass == pytest.approx(2.0)
+        assert tool.act(inertia.lever) == pytest.approx([0.4, 0.11, 0.7])
+        assert (task.part, "table", 0.005) in job.cell.clearances
+
+
+def test_a_task_names_its_grasps(block: Path, change: Change) -> None:
+    """One grasp is decided; of several the first is the task's own until the planner chooses."""
+    change("tasks.yaml", "part: block", "part: block\n    grasp: side")
+    [task] = load_job("tasks.yaml").tasks
+    assert task.grasps == () and task.grasp is not None and task.grasp.name == "side"
+    change("tasks.yaml", "grasp: side", "grasp: [side, top]")
+    job = load_job("tasks.yaml")
+    assert job.chooses_grasps and [t.part for t in job.tasks[0].grasps] == [
+        "block@side",
+        "block@top",
+    ]
+    decided = job.with_grasps({"a": "top"})
+    assert not decided.chooses_grasps and decided.tasks[0].part == "block@top"
+
+
+def test_turns_of_target_and_grasp_add_up(block: Path, change: Change) -> None:
+    """A place with three equal turns and a grasp with two have six; a free one has all."""
+    change(
+        "tasks.yaml", "part: block", "part: block\n    grasp: top", "0.7]}", "0.7], symmetry: 3}"
+    )
+    pick, place = load_job("tasks.yaml").tasks[0].stops
+    targets = pick.target, place.target
+    assert [t.symmetry for t in targets if isinstance(t, PoseTarget)] == [2, 6]
+    change("cell.yaml", "symmetry: 2", "free: yaw")
+    for stop in load_job("tasks.yaml").tasks[0].stops:
+        assert isinstance(stop.target, PoseTarget) and stop.target.free_yaw
+
+
+def test_lines_of_the_task_come_before_those_of_the_grasp(block: Path, change: Change) -> None:
+    """Then those of the grasp, then the defaults."""
+    change("tasks.yaml", "part: block", "part: block\n    approach: 10 mm")
+    assert {s.approach for t in by_name().values() for s in t.stops} == {0.01}
+
+
+def test_signals_are_those_of_the_task_by_every_grasp(block: Path, change: Change) -> None:
+    """The planner may choose any of them."""
+    change("tasks.yaml", "part: block", "part: block\n    signals: {grip: vacuum}")
+    assert [s.signal for t in by_name().values() for s in t.stops] == ["vacuum", "", "vacuum", ""]
+
+
+def test_a_part_without_grasps_keeps_the_pose_of_the_tool(block: Path, change: Change) -> None:
+    """As in files without the key."""
+    change("tasks.yaml", "part: block", "part: plain")
+    job: Job = load_job("tasks.yaml")
+    assert pose(job.tasks[0].stops[0]).translation == pytest.approx([0.4, 0.1, 0.7])
+    assert job.tasks[0].grasp is None and job.tasks[0].part == "plain"
+
+
+@pytest.mark.parametrize(
+    ("file", "changes", "expected"),
+    [
+        ("tasks.yaml", ("part: block", "part: block\n    grasp: tip"), "tasks.yaml:9:12: E300 the part has no grasp 'tip', did you mean 'top'? Grasps: top, side"),
+        ("tasks.yaml", ("part: block", "part: block\n    grasp: [top, top]"), "tasks.yaml:9:18: E300 'top' is in the list already; remove it"),
+        ("tasks.yaml", ("part: block", "part: block\n    grasp: []"), "tasks.yaml:9:12: E200 a list of 0 is too short; at least 1 are needed"),
+        ("tasks.yaml", ("part: block", "part: block\n    grasps: top"), "tasks.yaml:9:5: E201 unknown key 'grasps', did you mean 'grasp'? Allowed: id, arm, after, not_before, not_after, pick, place, move, path, coordinate, handover, tool, part, grasp, touches, leaves, approach, retract, straight, blend, dwell, signals"),
+        ("tasks.yaml", ("part: block", "part: plain\n    grasp: top"), "tasks.yaml:9:12: E300 part 'plain' has no grasps; name them in the cell file, or remove 'grasp'"),
+        ("tasks.yaml", ("    part: block\n", "    grasp: top\n"), "tasks.yaml:8:12: E300 the task carries no part; name them in the cell file, or remove 'grasp'"),
+        ("tasks.yaml", ("pick: {at: bin, xyz: [0, 0, 0]}", "pick: {joints: [0, 0]}"), "tasks.yaml:9:20: E300 the part has grasps, so its targets are poses of the part, which joint positions do not give; give xyz, with rpy or quat"),
+        ("tasks.yaml", ("0.7]}", "0.7], free: yaw}"), "tasks.yaml:10:41: E300 it turns the part about its z axis, which is not the tool's in grasp 'side'; remove 'free', or that grasp from the task"),
+        ("tasks.yaml", ("    place:", "    handover: {xyz: [0.3, 0, 1], grip: {xyz: [0, 0, 0.1]}}\n    place:"), "tasks.yaml:10:15: E310 part 'block' has grasps, which do not go with 'handover' in this version; name a part without them"),
+        ("cell.yaml", ("symmetry: 2", "symmetry: 2, free: yaw"), "cell.yaml:16:56: E200 a part that is round looks the same at every turn; keep 'free'"),
+        ("cell.yaml", ("symmetry: 2", "symmetry: 0"), "cell.yaml:16:66: E200 0 must be at least 1"),
+        ("cell.yaml", ("symmetry: 2", "free: tilt"), "cell.yaml:16:62: E200 'tilt' is not allowed; allowed: yaw"),
+        ("cell.yaml", ("approach: 50 mm", "approach: -1 mm"), "cell.yaml:16:79: E200 '-1 mm': length must be at least 0"),
+        ("cell.yaml", ("approach: 50 mm", "in: bin"), "cell.yaml:16:69: E201 unknown key 'in'; allowed: xyz, rpy, quat, free, symmetry, approach, retract"),
+    ],
+)  # fmt: skip
+def test_every_mistake_is_told_at_its_place(
+    block: Path,
+    change: Change,
+    messages: Messages,
+    file: str,
+    changes: tuple[str, str],
+    expected: str,
+) -> None:
+    """One mistake, one message."""
+    change(file, *changes)
+    assert messages(lambda: load_job("tasks.yaml")) == [expected]
