@@ -122,6 +122,7 @@ def test_an_arm_is_the_same_wherever_its_kind_is_written():
 
 SOMETHING = {
     "PoseTarget.symmetry": 1,
+    "Grasp.symmetry": 1,
     "Task.not_after": np.inf,
     "Stop.straight": np.inf,
     "Job.speed": 1.0,
