@@ -233,8 +233,7 @@ class TaskReader:
             if kinds:
                 tasks += self.signalled(kinds[0].shares(self, section, loc), section, loc)
                 continue
-            arm = self.arm(section, loc)
-            if arm is None:
+            if (arm := self.arm(section, loc)) is None:
                 continue
             stops = self.stops(section, loc, arm)
             task = self.task(section, loc, arm, stops, self.part(section, loc))
@@ -242,9 +241,7 @@ class TaskReader:
             for kind in self._kinds:
                 choices = [kind.task(self, section, loc, choice) for choice in choices]
             choices = self.signalled(choices, section, loc)
-            tasks.append(
-                replace(choices[0], grasps=tuple(choices)) if len(choices) > 1 else choices[0]
-            )
+            tasks.append(replace(choices[0], grasps=tuple(choices[1:] and choices)))
         return tuple(tasks)
 
     def signalled(self, shares: Sequence[Task], section: TaskSection, loc: Loc) -> list[Task]:
