@@ -1,9 +1,36 @@
-"""Budget of a job (cycle time, clearance, skew) and its comparison with a plan."""
+"""Budget of a job, its comparison with a plan, and times that vary."""
 
 from __future__ import annotations
 
+from typing import Literal
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.records import dataclass
+
+CycleKind = Literal["nominal", "95%", "worst"]
+"""Cycle time of a plan whose dwells vary that a budget is for."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Time that varies between a least and a most."""
+
+    least: float
+    """Least time [s]."""
+    nominal: float
+    """Most frequent time, which is planned [s]."""
+    most: float
+    """Greatest time [s]."""
+
+    def drawn(self, shares: FloatArray) -> FloatArray:
+        """Compute the times that shares (k,) of all do not exceed, of a triangular distribution [s]."""
+        width, rise = self.most - self.least, self.nominal - self.least
+        rising = self.least + np.sqrt(shares * width * rise)
+        falling = self.most - np.sqrt((1.0 - shares) * width * (self.most - self.nominal))
+        return np.where(shares * width < rise, rising, falling)
 
 
 @dataclass(frozen=True)
@@ -22,6 +49,8 @@ class Budget:
     """Required tolerated delay of either arm [s], or None."""
     skew_place: Place = NOWHERE
     """Place of the skew in its file."""
+    cycle_kind: CycleKind = "nominal"
+    """Cycle time that is compared."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +71,8 @@ class Kept:
     """Line number, from 1."""
     column: int
     """Column number, from 1."""
+    cycle_kind: CycleKind = "nominal"
+    """Cycle time that is compared."""
 
     def __str__(self) -> str:
         """Format measured and allowed value, and the place of a missed line."""
@@ -53,7 +84,8 @@ class Kept:
         """Measured and allowed value, in words."""
         if self.name == "cycle_time":
             measured = "not known" if self.measured is None else f"{self.measured:.3f} s"
-            return f"cycle time {measured}, at most {self.allowed:g} s"
+            kind = "" if self.cycle_kind == "nominal" else f" ({self.cycle_kind})"
+            return f"cycle time{kind} {measured}, at most {self.allowed:g} s"
         unit = "mm" if self.name == "clearance" else "ms"
         measured = "not proven" if self.measured is None else f"{self.measured * 1e3:.1f} {unit}"
         return f"{self.name} {measured}, at least {self.allowed * 1e3:g} {unit}"

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.model.budget import Budget
+from dualarm_cli.model.budget import Budget, Spread
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.part_flow import Buffer, Grasp, Handover, OnBelt
 from dualarm_cli.model.place import NOWHERE, Place, tasks_name
@@ -43,8 +43,7 @@ GIVES: frozenset[str] = frozenset({"place", "give", "leave_tool"})
 AFTER_DWELL: frozenset[str] = frozenset({"place", "take", "leave_tool"})
 """Actions that take effect at the end of the dwell, not at the event.
 
-In a hand-over the giving arm's event is the end of the taking arm's dwell, so that one of the arms holds the part at
-any time.
+In a hand-over the giver's event is the end of the taker's dwell, so that one of them holds the part at any time.
 """
 LYING: frozenset[str] = frozenset({"pick", "place"})
 """Actions on whose lines the part may be close to its support."""
@@ -134,6 +133,8 @@ class Stop:
     """Straight part of approach and retract that blending keeps, from the target [m]."""
     blend: float = 0.0
     """Largest tool distance from a target passed in motion [m], 0 for stops."""
+    varying: tuple[Spread, ...] = ()
+    """Parts of the dwell whose time varies."""
 
     @property
     def moves(self) -> bool:

@@ -135,7 +135,8 @@ def result_lines(report: dict[str, Any]) -> list[str]:
         rate = f"{report['parts_per_hour']:.0f} parts per hour"
         cycle += f", {_count(report['parts'], 'part')}, {rate}"
     lines = [f"note: {note}" for note in report["notes"] if _key(note) in UNMET]
-    lines += [cycle, *(f"budget: {line['text']}" for line in report["budget"])]
+    varying = [report["varying"]["text"]] if report["varying"] else []
+    lines += [cycle, *varying, *(f"budget: {line['text']}" for line in report["budget"])]
     verification = report["verification"]
     if verification is None:
         return lines

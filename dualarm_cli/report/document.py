@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, TypedDict
 
+from dualarm_cli.model.budget import CycleKind
 from dualarm_cli.model.verification import Verdict
 
 ArmName = Annotated[str, "arm"]
@@ -74,6 +75,18 @@ class ReportBudget(TypedDict):
     file: Annotated[str, "", "Task file, as the command names it."]
     line: Annotated[int, "", "Its line."]
     column: Annotated[int, "", "Its column."]
+    cycle_kind: Annotated[CycleKind, "", "Cycle time that is compared: nominal, 95% or worst."]
+    text: Annotated[str, "", "All that in a sentence."]
+
+
+class ReportVarying(TypedDict):
+    """Cycle times of a plan whose dwells vary."""
+
+    least: Annotated[float, "s", "Cycle time with every dwell at its least."]
+    nominal: Annotated[float, "s", "Cycle time of the plan."]
+    percentile_95: Annotated[float, "s", "Time that 95 % of the cycles do not exceed; dwells vary independently, each as a triangle."]
+    worst: Annotated[float, "s", "Cycle time with every dwell at its greatest."]
+    dwells: Annotated[int, "", "Number of dwells that vary."]
     text: Annotated[str, "", "All that in a sentence."]
 
 
@@ -396,6 +409,7 @@ class Report(TypedDict):
     clearance_cost: ClearanceCost
     blending: ReportBlending | None
     budget: list[ReportBudget]
+    varying: ReportVarying | None
     paths: list[ReportPath]
     seams: list[ReportSeam]
     conveyors: list[ReportMeeting]

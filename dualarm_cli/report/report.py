@@ -31,6 +31,7 @@ from dualarm_cli.report.torques import torque_members
 from dualarm_cli.verification.budget_checks import judge_budget
 from dualarm_cli.verification.measuring.tolerances import TOL
 from dualarm_cli.verification.motion_checks import jerk_fraction, velocity_extrema
+from dualarm_cli.verification.varied_cycle import varied_cycle
 
 SHORTEST_CYCLE = 1e-3
 """Shortest cycle with a meaningful throughput [s]."""
@@ -75,6 +76,7 @@ def build_report(schedule: Schedule, job: Job) -> Report:
         "budget": [
             field_values(line) | {"text": str(line)} for line in judge_budget(schedule, job)
         ],
+        "varying": _varying(schedule, job),
         **_kind_rows("work", schedule, job),
         "stages": [
             row | {"torque": torque}
@@ -124,6 +126,18 @@ def _assumptions(members: Mapping[str, Any]) -> list[str]:
             texts.append("torques (no limit)" if measured else "torques (unchecked)")
     noted = [n for n in members["notes"] if isinstance(n, Note) and (n.topic, n.key) in ASSUMED]
     return texts + [filled(ASSUMED[note.topic, note.key], note.data) for note in noted]
+
+
+def _varying(schedule: Schedule, job: Job) -> dict[str, Any] | None:
+    """Build the row of cycle times with dwells that vary, with a sentence, or None."""
+    varied = varied_cycle(schedule, job)
+    if varied is None:
+        return None
+    text = (
+        f"{varied.dwells} dwells vary: 95 % of the cycles take at most {varied.percentile_95:.3f} s (dwells "
+        f"independent), the longest {varied.worst:.3f} s (all at their longest)"
+    )
+    return field_values(varied) | {"text": text}
 
 
 def _kind_rows(section: str, schedule: Schedule, job: Job) -> dict[str, Any]:

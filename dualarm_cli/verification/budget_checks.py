@@ -13,6 +13,7 @@ from dualarm_cli.model.verification import StageClearance
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import check_clearance
 from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.varied_cycle import varied_cycle
 
 
 def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
@@ -29,11 +30,11 @@ def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
     if budget is None:
         return ()
     if budget.cycle_time is not None:
-        time, place = schedule.duration, budget.cycle_time_place
+        time, place, kind = schedule.duration, budget.cycle_time_place, budget.cycle_kind
+        if kind != "nominal" and (varied := varied_cycle(schedule, job)) is not None:
+            time = varied.at(kind)
         kept = bool(time <= budget.cycle_time + TOL.same_time)
-        lines.append(
-            Kept("cycle_time", budget.cycle_time, time, kept, place.file, place.line, place.column)
-        )
+        lines.append(Kept("cycle_time", budget.cycle_time, time, kept, *place.order, kind))
     if budget.clearance is not None:
         least, place = least_clearance(schedule, job), budget.clearance_place
         kept = least is not None and least >= budget.clearance - TOL.clearance_slack

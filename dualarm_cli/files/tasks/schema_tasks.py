@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, GetJsonSchemaHandler, WithJsonSchema, model_validator
+from pydantic import (
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic_core import core_schema
 
 from dualarm_cli.files.cells.grids import MOST_PLACES
@@ -30,7 +36,7 @@ from dualarm_cli.files.source.fields import (
 )
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.files.source.yaml_source import Document
-from dualarm_cli.model.budget import Budget
+from dualarm_cli.model.budget import Budget, CycleKind, Spread
 from dualarm_cli.model.part_flow import PlaceOrder
 from dualarm_cli.model.place import Place
 
@@ -42,6 +48,10 @@ class BudgetSection(Section):
     """Limits that every plan of the job must meet: otherwise the exit code is 1."""
 
     cycle_time: _LongestTime | None = Field(default=None, description="Longest cycle time [s].")
+    cycle: CycleKind | None = Field(
+        default=None,
+        description="Cycle time that is compared where dwells vary: nominal (default), 95% (of all cycles), or worst.",
+    )
     clearance: Clearance | None = Field(
         default=None,
         description="Minimum distance of all pairs of bodies that must not touch [m].",
@@ -53,6 +63,8 @@ class BudgetSection(Section):
 
     @model_validator(mode="after")
     def _something(self) -> BudgetSection:
+        if self.cycle is not None and self.cycle_time is None:
+            raise refuse("'cycle' says which cycle time is compared; give cycle_time, too", "cycle")
         if self.cycle_time is None and self.clearance is None and self.skew is None:
             raise refuse("an empty budget; give cycle_time, clearance or skew, or remove it")
         return self
@@ -81,6 +93,7 @@ def read_budget(document: Document, section: BudgetSection | None) -> Budget | N
         places["clearance"],
         section.skew,
         places["skew"],
+        section.cycle or "nominal",
     )
 
 
@@ -91,14 +104,59 @@ PositionOrRow = Annotated[
 """Joint position, or one of several configurations; read once the arm is known."""
 
 
+class VariedTime:
+    """Field annotation of a time, or of its least, nominal and greatest value; read as `Spread`."""
+
+    def read(self, value: object) -> Spread:
+        """Parse the times [s]; raises an error for pydantic."""
+        if isinstance(value, Spread):
+            return value
+        values = value if isinstance(value, list) else [value] * 3
+        if len(values) != 3:
+            raise refuse(f"a list of {len(values)}; give least, nominal and greatest time")
+        least, nominal, most = (Quantity(quantities.TIME, 0.0).read(entry) for entry in values)
+        if not least <= nominal <= most:
+            raise refuse(
+                f"{least:g}, {nominal:g}, {most:g} s: give least, nominal and greatest time"
+            )
+        return Spread(least, nominal, most)
+
+    def __get_pydantic_core_schema__(
+        self, source: type[Any], handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Read the times before pydantic checks them."""
+        return core_schema.no_info_plain_validator_function(self.read)
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Build the JSON Schema of a time, or of three."""
+        time = Quantity(quantities.TIME, 0.0).__get_pydantic_json_schema__(schema, handler)
+        return {"anyOf": [time, {"type": "array", "items": time, "minItems": 3, "maxItems": 3}]}
+
+
+TimeOrSpread = Annotated[Spread, VariedTime()]
+_AT_ONCE = Spread(0.0, 0.0, 0.0)
+
+
 class DwellSection(Section):
     """Parts of a dwell at a target [s]: gripper, settling, handshake."""
 
-    gripper: Duration = Field(default=0.0, description="Time of the gripper [s].")
-    settle: Duration = Field(default=0.0, description="Settling time of the arm [s].")
-    handshake: Duration = Field(
-        default=0.0, description="Time for signals of the cell's controller [s]."
+    gripper: TimeOrSpread = Field(
+        default=_AT_ONCE,
+        description="Time of the gripper [s], or least, nominal and greatest time.",
     )
+    settle: TimeOrSpread = Field(
+        default=_AT_ONCE, description="Settling time of the arm [s], or three."
+    )
+    handshake: TimeOrSpread = Field(
+        default=_AT_ONCE, description="Time for signals of the cell's controller [s], or three."
+    )
+
+    @property
+    def parts(self) -> tuple[Spread, Spread, Spread]:
+        """Gripper, settling and handshake [s]."""
+        return self.gripper, self.settle, self.handshake
 
 
 Dwell = Annotated[DwellSection, ShortForm("gripper")]
@@ -306,7 +364,7 @@ class TaskSection(TaskHead):
         for key in ("approach", "retract", "dwell"):
             given = getattr(self, key)
             if isinstance(given, DwellSection):
-                given = given.gripper + given.settle + given.handshake
+                given = any(part.most for part in given.parts)
             if given:
                 raise refuse(
                     f"'blend' does not go with '{key}': the tool passes its target; keep one",

@@ -36,6 +36,7 @@ from dualarm_cli.files.tasks.schema_tasks import (
 )
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
+from dualarm_cli.model.budget import Spread
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import (
     ANY,
@@ -373,9 +374,9 @@ class TaskReader:
             target = self.targets.target(target_section, place, by)
             if target is None:
                 continue
-            around = self._surroundings(section, action == "move")
+            around, varying = self._surroundings(section, action == "move")
             straight = section.straight if section.straight is not None else self.defaults.straight
-            stop = Stop(action, target, *around, self.place(place))
+            stop = Stop(action, target, *around, self.place(place), varying=varying)
             if straight is not None:
                 stop = replace(stop, straight=straight)
             blend = section.blend if section.blend is not None else self.defaults.blend
@@ -386,17 +387,23 @@ class TaskReader:
             stops.append(stop)
         return tuple(stops)
 
-    def _surroundings(self, section: TaskSection, bare: bool) -> tuple[float, float, Dwell]:
-        """Read approach, retract and dwell; defaults apply to picks and places only."""
+    def _surroundings(
+        self, section: TaskSection, bare: bool
+    ) -> tuple[tuple[float, float, Dwell], tuple[Spread, ...]]:
+        """Read approach, retract, dwell, and what of it varies.
+
+        Defaults apply to picks and places only.
+        """
         approach = 0.0 if bare else self.defaults.approach
         retract = 0.0 if bare else self.defaults.retract
         dwell = DwellSection() if bare else self.defaults.dwell
         dwell = section.dwell if section.dwell is not None else dwell
-        return (
+        around = (
             section.approach if section.approach is not None else approach,
             section.retract if section.retract is not None else retract,
-            Dwell(dwell.gripper, dwell.settle, dwell.handshake),
+            Dwell(*(part.nominal for part in dwell.parts)),
         )
+        return around, tuple(part for part in dwell.parts if part.least < part.most)
 
 
 class TargetReader:

@@ -66,6 +66,7 @@ export function overview(plan, go) {
   const { text, mark } = verdict(report);
   if (mark === "warn") remarks.unshift(element("p", { class: mark }, ...withCode(`Plan ${text}.`)));
   if (report.bodies) remarks.push(paragraph(report.bodies.text.replace("b", "B")));
+  if (report.varying) remarks.push(paragraph(`${report.varying.text}.`));
   const saved = savings(report).map(paragraph);
   return [
     element("div", { class: "figures" }, ...figures),
