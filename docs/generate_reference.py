@@ -34,13 +34,14 @@ from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import Pose, Quantity
 from dualarm_cli.files.source.quantities import Dimension
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
+from dualarm_cli.files.tasks.schema_tasks import EachSection, VariedTime
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.schemas.kinds_of_files import INPUT_FILES
 from dualarm_cli.schemas.result_fields import REPORT, RESULTS, SCHEDULE, member_rows
 from dualarm_cli.verification.measuring.criteria import CRITERIA, Criterion
 
 FOLDER = Path(__file__).parent / "reference"
-ALSO = {"robot": PairSection, "base": Pose}
+ALSO = {"robot": PairSection, "base": Pose, "each": EachSection}
 """Mappings that a key takes besides text, where its type tells neither."""
 METHODS = ("--platform", "--redundancy", "--timing", "--method")
 """Options that take the name of a method."""
@@ -247,6 +248,8 @@ def _annotated(annotation: Any, notes: Iterable[Any], sections: dict[type[BaseMo
         if isinstance(note, Quantity):
             plain = f"; {_plain(note.plain)} without a unit" if math.isfinite(note.plain) else ""
             return _quantity(note.dimension) + _range(note.low, note.high) + plain
+        if isinstance(note, VariedTime):
+            return f"{_quantity(quantities.TIME)}, at least 0, or list of 3"
     takes = _takes(annotation, sections)
     for note in flat:
         if isinstance(note, ShortForm):

@@ -15,7 +15,7 @@ CycleKind = Literal["nominal", "95%", "worst"]
 
 
 @dataclass(frozen=True)
-class Spread:
+class TimeRange:
     """Time that varies between a least and a most."""
 
     least: float

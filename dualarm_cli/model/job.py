@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.model.budget import Budget, Spread
+from dualarm_cli.model.budget import Budget, TimeRange
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.part_flow import Buffer, Grasp, Handover, OnBelt
 from dualarm_cli.model.place import NOWHERE, Place, tasks_name
@@ -133,7 +133,7 @@ class Stop:
     """Straight part of approach and retract that blending keeps, from the target [m]."""
     blend: float = 0.0
     """Largest tool distance from a target passed in motion [m], 0 for stops."""
-    varying: tuple[Spread, ...] = ()
+    varying: tuple[TimeRange, ...] = ()
     """Parts of the dwell whose time varies."""
 
     @property

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.budget import Spread
+from dualarm_cli.model.budget import TimeRange
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.trajectory import SAME_TIME
@@ -93,8 +93,8 @@ def varied_cycle(schedule: Schedule, job: Job) -> VariedCycle | None:
 
 
 def _of_segments(
-    schedule: Schedule, spreads: Mapping[tuple[str, str], tuple[Spread, ...]]
-) -> dict[int, tuple[Spread, ...]]:
+    schedule: Schedule, spreads: Mapping[tuple[str, str], tuple[TimeRange, ...]]
+) -> dict[int, tuple[TimeRange, ...]]:
     """Select the dwells that vary among the segments, by index."""
     return {
         k: spreads[part.task, part.action]

@@ -114,7 +114,14 @@ def test_defaults_and_choices_that_help_prints_are_in_the_page(
 @pytest.mark.parametrize(
     ("page", "section", "key", "takes", "good", "bad"),
     [
-        ("tasks.md", "defaults", "dwell", "time, at least 0, or mapping", "0.2 s", "0.2 mm"),
+        (
+            "tasks.md",
+            "defaults",
+            "dwell",
+            "time, at least 0, or list of 3, or mapping",
+            "0.2 s",
+            "0.2 mm",
+        ),
         (
             "tasks.md",
             "defaults",

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.budget import Spread
+from dualarm_cli.model.budget import TimeRange
 
 Change = Callable[..., None]
 GRIPPER = "gripper: 0.12 s"
@@ -20,7 +20,7 @@ def test_three_times_are_a_spread_around_what_is_planned(project: object, change
     job = load_job("tasks.yaml")
     pick = job.tasks[0].stops[0]
     assert (pick.dwell.gripper, pick.dwell.settle) == (0.12, 0.03)
-    assert pick.varying == (Spread(0.08, 0.12, 0.2),)
+    assert pick.varying == (TimeRange(0.08, 0.12, 0.2),)
     assert job.budget is not None and job.budget.cycle_kind == "95%"
     assert job.tasks[1].stops[0].varying == ()  # a move
 

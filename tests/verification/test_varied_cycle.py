@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.budget import Budget, Spread
+from dualarm_cli.model.budget import Budget, TimeRange
 from dualarm_cli.model.job import Dwell, Job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
@@ -67,7 +67,7 @@ def test_longer_dwells_cost_what_a_plan_made_anew_takes(tasks_folder: Path, seed
 def test_the_times_of_one_arm_add_up(tasks_folder: Path) -> None:
     """One arm alone: the worst case is the sum; a sum of many triangles is nearly normal."""
     job = packing_job(tasks_folder, 24)
-    spread = Spread(0.08, 0.12, 0.28)
+    spread = TimeRange(0.08, 0.12, 0.28)
     tasks = tuple(
         dataclasses.replace(
             task,
@@ -93,7 +93,7 @@ def test_the_times_of_one_arm_add_up(tasks_folder: Path) -> None:
 
 def test_a_triangle_is_drawn_as_its_formula_says() -> None:
     """Half of the shares below the median: by hand, of [0, 1, 3] a third lies below 1."""
-    spread = Spread(0.0, 1.0, 3.0)
+    spread = TimeRange(0.0, 1.0, 3.0)
     assert spread.drawn(np.array([0.0, 1.0 / 3.0, 1.0])) == pytest.approx([0.0, 1.0, 3.0])
     shares = np.linspace(0.0, 1.0, 7)
     times = spread.drawn(shares)
@@ -105,7 +105,9 @@ def test_a_triangle_is_drawn_as_its_formula_says() -> None:
 def test_the_budget_is_judged_at_the_cycle_that_it_names(tasks_folder: Path) -> None:
     """Between nominal and worst: kept by the plan, missed by its worst cycle."""
     job = packing_job(tasks_folder, 2)
-    stops = [dataclasses.replace(s, varying=(Spread(0.1, 0.12, 0.5),)) for s in job.tasks[0].stops]
+    stops = [
+        dataclasses.replace(s, varying=(TimeRange(0.1, 0.12, 0.5),)) for s in job.tasks[0].stops
+    ]
     job = dataclasses.replace(
         job, tasks=(dataclasses.replace(job.tasks[0], stops=tuple(stops)), *job.tasks[1:])
     )

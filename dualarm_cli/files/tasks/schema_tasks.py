@@ -36,7 +36,7 @@ from dualarm_cli.files.source.fields import (
 )
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.files.source.yaml_source import Document
-from dualarm_cli.model.budget import Budget, CycleKind, Spread
+from dualarm_cli.model.budget import Budget, CycleKind, TimeRange
 from dualarm_cli.model.part_flow import PlaceOrder
 from dualarm_cli.model.place import Place
 
@@ -105,11 +105,11 @@ PositionOrRow = Annotated[
 
 
 class VariedTime:
-    """Field annotation of a time, or of its least, nominal and greatest value; read as `Spread`."""
+    """Field annotation of a time, or of its least, nominal and greatest value; read as `TimeRange`."""
 
-    def read(self, value: object) -> Spread:
+    def read(self, value: object) -> TimeRange:
         """Parse the times [s]; raises an error for pydantic."""
-        if isinstance(value, Spread):
+        if isinstance(value, TimeRange):
             return value
         values = value if isinstance(value, list) else [value] * 3
         if len(values) != 3:
@@ -119,7 +119,7 @@ class VariedTime:
             raise refuse(
                 f"{least:g}, {nominal:g}, {most:g} s: give least, nominal and greatest time"
             )
-        return Spread(least, nominal, most)
+        return TimeRange(least, nominal, most)
 
     def __get_pydantic_core_schema__(
         self, source: type[Any], handler: GetCoreSchemaHandler
@@ -135,26 +135,26 @@ class VariedTime:
         return {"anyOf": [time, {"type": "array", "items": time, "minItems": 3, "maxItems": 3}]}
 
 
-TimeOrSpread = Annotated[Spread, VariedTime()]
-_AT_ONCE = Spread(0.0, 0.0, 0.0)
+TimeOrRange = Annotated[TimeRange, VariedTime()]
+_AT_ONCE = TimeRange(0.0, 0.0, 0.0)
 
 
 class DwellSection(Section):
     """Parts of a dwell at a target [s]: gripper, settling, handshake."""
 
-    gripper: TimeOrSpread = Field(
+    gripper: TimeOrRange = Field(
         default=_AT_ONCE,
         description="Time of the gripper [s], or least, nominal and greatest time.",
     )
-    settle: TimeOrSpread = Field(
+    settle: TimeOrRange = Field(
         default=_AT_ONCE, description="Settling time of the arm [s], or three."
     )
-    handshake: TimeOrSpread = Field(
+    handshake: TimeOrRange = Field(
         default=_AT_ONCE, description="Time for signals of the cell's controller [s], or three."
     )
 
     @property
-    def parts(self) -> tuple[Spread, Spread, Spread]:
+    def parts(self) -> tuple[TimeRange, TimeRange, TimeRange]:
         """Gripper, settling and handshake [s]."""
         return self.gripper, self.settle, self.handshake
 

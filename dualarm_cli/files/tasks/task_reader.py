@@ -36,7 +36,7 @@ from dualarm_cli.files.tasks.schema_tasks import (
 )
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.model.budget import Spread
+from dualarm_cli.model.budget import TimeRange
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import (
     ANY,
@@ -339,10 +339,7 @@ class TaskReader:
         return part
 
     def check_posture(self, name: str | None, loc: Loc) -> bool:
-        """Check that the robot has a posture, or note an error.
-
-        None passes.
-        """
+        """Check that the robot has a posture, or note an error; None passes."""
         postures = list(self.cell.robot.postures)
         if name is None or name in postures:
             return True
@@ -389,15 +386,11 @@ class TaskReader:
 
     def _surroundings(
         self, section: TaskSection, bare: bool
-    ) -> tuple[tuple[float, float, Dwell], tuple[Spread, ...]]:
-        """Read approach, retract, dwell, and what of it varies.
-
-        Defaults apply to picks and places only.
-        """
+    ) -> tuple[tuple[float, float, Dwell], tuple[TimeRange, ...]]:
+        """Read approach, retract, dwell and its varying parts; defaults are of picks and places."""
         approach = 0.0 if bare else self.defaults.approach
         retract = 0.0 if bare else self.defaults.retract
-        dwell = DwellSection() if bare else self.defaults.dwell
-        dwell = section.dwell if section.dwell is not None else dwell
+        dwell = section.dwell or (DwellSection() if bare else self.defaults.dwell)
         around = (
             section.approach if section.approach is not None else approach,
             section.retract if section.retract is not None else retract,
