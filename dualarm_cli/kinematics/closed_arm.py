@@ -191,7 +191,10 @@ class ClosedArm(GeneralArm):
     def postures(
         self, R: FloatArray, p: FloatArray, *, first_only: bool = False, thorough: bool = True
     ) -> ReachedPostures:
-        """Compute all postures within limits that reach poses, with samples of free joints."""
+        """Compute all postures within limits that reach poses, with samples of free joints.
+
+        Poses beyond reach have a measured miss only in a thorough search; it takes longer than the postures.
+        """
         solutions = self.solve(R, p)
         q = self.nearest_turns(solutions.q, self.middle)
         is_valid = solutions.reachable & self.within_limits(q)
@@ -204,7 +207,7 @@ class ClosedArm(GeneralArm):
         order = np.lexsort((branch, pose))
         miss = np.zeros((len(p), 2))
         missed = np.flatnonzero(np.bincount(pose, minlength=len(p)) == 0)
-        if len(missed):
+        if thorough and len(missed):
             miss[missed] = self._miss(R[missed], p[missed])
         return ReachedPostures(pose[order], joints[order], branch[order], miss)
 
