@@ -222,7 +222,9 @@ def _solved(problem: MethodProblem) -> Decided:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    greedy = len(job.stages()) <= problem.settings.search.begun
+    # The search ignores tool speed limits: under one, simpler plans may be faster.
+    begun = problem.settings.search.begun
+    greedy = len(job.stages()) <= (begun if job.tool_speed is None else max(begun, SCALING.short))
 
     def simpler_starts(on_grid: bool) -> list[Decisions]:
         nonlocal starts, failure
