@@ -22,6 +22,7 @@ from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.refusals import message
 from dualarm_cli.report.measures import joint_travel, limiting_times
 from dualarm_cli.report.report import relative_gap, smallest_clearance
+from dualarm_cli.report.torques import has_torques, largest_share
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification.budget_checks import judge_budget
@@ -90,6 +91,7 @@ def evaluation_of(case: str, plan: Plan, page: bool = False) -> Evaluation:
     nearest: Mapping[str, Any] = smallest_clearance(schedule) or {}
     sliding = schedule.robot.sliding
     turning = tuple(joint for joint in schedule.trajectory.joints if joint not in sliding)
+    torque, joint = largest_share(schedule, job) if has_torques(job) else (None, "")
     evaluation = Evaluation(
         case,
         "planned" if plan.verified else "fails_verification",
@@ -100,6 +102,8 @@ def evaluation_of(case: str, plan: Plan, page: bool = False) -> Evaluation:
         clearance=_finite(nearest.get("clearance")),
         required_clearance=_finite(nearest.get("required")),
         travel=float(sum(joint_travel(schedule, turning).values())),
+        torque=torque,
+        torque_joint=joint,
         limiting=dict(sorted(limiting_times(schedule).items())),
         limits=_limits(schedule.robot.limits),
         sliding=tuple(sorted(sliding.intersection(schedule.robot.limits.joints))),

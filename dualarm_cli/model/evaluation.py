@@ -69,6 +69,10 @@ class Evaluation:
     """Required clearance of that pair [m]."""
     travel: float | None = None
     """Total travel of all revolute joints [rad]."""
+    torque: float | None = None
+    """Largest torque as a share of the joint's effort, or None."""
+    torque_joint: str = ""
+    """Joint of that torque; empty without torques."""
     limiting: Mapping[str, float] = field(default_factory=dict)
     """Time [s] by its cause: transfers by bottleneck joint, lines, dwells, and so on."""
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -118,8 +122,8 @@ class Evaluation:
         names = {entry.name for entry in fields(cls)}
         if not isinstance(document, dict) or set(document) != names:
             raise ValueError("not an evaluation: its keys differ")
-        if not isinstance(document["page"], str):
-            raise ValueError("page must be text")
+        if not all(isinstance(document[name], str) for name in ("page", "torque_joint")):
+            raise ValueError("page and torque_joint must be texts")
         if document["status"] not in STATUSES or not isinstance(document["case"], str):
             raise ValueError("not an evaluation: its case or status is invalid")
         for name in _FIGURES:
@@ -143,7 +147,15 @@ class Evaluation:
         return cls(**values)
 
 
-_FIGURES = ("cycle_time", "lower_bound", "gap", "clearance", "required_clearance", "travel")
+_FIGURES = (
+    "cycle_time",
+    "lower_bound",
+    "gap",
+    "clearance",
+    "required_clearance",
+    "travel",
+    "torque",
+)
 _TYPES: dict[str, tuple[type, ...]] = {
     "str": (str,),
     "int": (int,),

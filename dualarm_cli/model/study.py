@@ -171,6 +171,7 @@ OBJECTIVES: Mapping[str, Objective] = {
         Objective("gap", "gap to the bound", "minimise", "", "%", 100.0, 1),
         Objective("clearance", "clearance", "maximise", "m", "mm", 1e3, 1),
         Objective("travel", "joint travel", "minimise", "rad", "rad", 1.0, 2),
+        Objective("torque", "torque share", "minimise", "", "%", 100.0, 1),
     )
 }
 """Objectives of studies, by their names in study files."""

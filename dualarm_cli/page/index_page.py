@@ -16,6 +16,7 @@ from dualarm_cli.model.study import OBJECTIVES, Objective
 from dualarm_cli.page.tables import STYLE, PageCell, PageRow, PageTable, table_html, text_html
 from dualarm_cli.report.comparison.study_table import (
     STATUS_WORDS,
+    figure_text,
     most_time,
     objective_head,
     one_line_reason,
@@ -214,7 +215,7 @@ def _cells(
         PageCell("", links=links),
         *([PageCell("*" if row["pareto"] else "")] if len(document["objectives"]) > 1 else []),
         *(PageCell(value_text(value)) for value in values),
-        *(PageCell(item.shown(row[item.name])) for item in objectives),
+        *(PageCell(figure_text(item, row)) for item in objectives),
         PageCell(bound if planned else "–"),
         verified_cell(status, caveats) if planned else PageCell(STATUS_WORDS[status], "bad"),
         PageCell(most_time(jobs) if planned else "–"),

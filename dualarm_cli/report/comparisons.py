@@ -210,7 +210,7 @@ class ReachReport(ReachedTable, total=False):
 class StudyObjective(TypedDict):
     """Objective of a study."""
 
-    name: Annotated[str, "", "cycle_time, gap, clearance or travel."]
+    name: Annotated[str, "", "cycle_time, gap, clearance, travel or torque."]
     sense: Annotated[Sense, "", "minimise or maximise."]
     unit: Annotated[str, "", "SI unit."]
     together: Annotated[str | None, "", "sum, largest or least over several task files."]
@@ -245,6 +245,8 @@ class StudyJob(TypedDict):
     gap: Annotated[float | None, "", "Share of the cycle time above the lower bound."]
     clearance: Annotated[float | None, "m", "Least clearance."]
     travel: Annotated[float | None, "rad", "Total travel of all joints that turn."]
+    torque: Annotated[float | None, "", "Largest torque as a share of the joint's effort."]
+    torque_joint: Annotated[JointName, "", "Joint of that torque; empty without torques."]
     limiting: dict[JointName, Annotated[float, "s", "Time of transfers that each joint, lines and dwells decide."]]
     caveats: Annotated[list[str], "", "Sentences on gaps of the verification."]
 
@@ -256,6 +258,7 @@ class StudyFigures(TypedDict):
     gap: Annotated[float | None, "", "Largest gap."]
     clearance: Annotated[float | None, "m", "Least clearance."]
     travel: Annotated[float | None, "rad", "Sum of the travels."]
+    torque: Annotated[float | None, "", "Largest torque share."]
     jobs: list[StudyJob]
 
 

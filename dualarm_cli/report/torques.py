@@ -24,6 +24,7 @@ from dualarm_cli.verification.torque_checks import (
     InverseDynamics,
     TorqueSamples,
     carried,
+    measured_torques,
     torque_samples,
     why_unknown,
 )
@@ -45,6 +46,21 @@ EFFORTS = TorqueReportSettings()
 def has_torques(job: Job) -> bool:
     """Check whether torques of a job's robot can be computed, and are not ignored."""
     return job.cell.torque != "ignored" and not why_unknown(job.cell)
+
+
+def largest_share(schedule: Schedule, job: Job) -> tuple[float, str]:
+    """Find the largest torque as a share of its effort, and its joint.
+
+    Args:
+        schedule: a planned schedule.
+        job: the planned job, with torques.
+    """
+    peaks, _ = measured_torques(schedule, job_as_done(schedule, job))
+    robot = job.cell.robot
+    return max(
+        (peak.torque / float(effort), joint)
+        for peak, effort, joint in zip(peaks, robot.torques.effort, robot.joints, strict=True)
+    )
 
 
 def torque_members(schedule: Schedule, job: Job) -> tuple[dict[str, Any] | None, list[Any]]:

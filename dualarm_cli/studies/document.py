@@ -138,12 +138,10 @@ def _row(study: Study, row: StudyRow, ranking: Ranking, place: int | None) -> me
 
 def _figures(row: StudyRow) -> members.StudyFigures:
     """Collect a row's figures, and those of each task file."""
-    jobs = [_job(evaluation) for evaluation in row.evaluations]
-    return cast("members.StudyFigures", {**row.figures, "jobs": jobs})
+    return cast("members.StudyFigures", {**row.figures, "jobs": [*map(_job, row.evaluations)]})
 
 
 def _job(evaluation: Evaluation) -> members.StudyJob:
-    limiting = sorted(evaluation.limiting.items(), key=lambda item: (-item[1], item[0]))
     return {
         "tasks": evaluation.case,
         "status": evaluation.status,
@@ -152,7 +150,9 @@ def _job(evaluation: Evaluation) -> members.StudyJob:
         "gap": evaluation.gap,
         "clearance": evaluation.clearance,
         "travel": evaluation.travel,
-        "limiting": dict(limiting),
+        "torque": evaluation.torque,
+        "torque_joint": evaluation.torque_joint,
+        "limiting": dict(sorted(evaluation.limiting.items(), key=lambda item: (-item[1], item[0]))),
         "caveats": list(evaluation.caveats),
     }
 

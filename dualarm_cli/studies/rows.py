@@ -37,6 +37,7 @@ TOGETHER: Mapping[str, Callable[[Sequence[float]], float]] = {
     "gap": max,
     "clearance": min,
     "travel": sum,
+    "torque": max,
 }
 """Aggregation of each figure over several task files."""
 

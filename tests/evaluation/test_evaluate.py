@@ -35,6 +35,7 @@ def test_the_figures_are_those_of_the_plan(cells, request_for):
     assert found.gap == pytest.approx(1.0 - found.lower_bound / found.cycle_time)
     knots = schedule.trajectory.position
     assert found.travel == pytest.approx(np.abs(np.diff(knots, axis=0)).sum())
+    assert (found.torque, found.torque_joint) == (None, "")
     assert sum(found.limiting.values()) == pytest.approx(found.cycle_time)
     assert set(found.limiting) <= set(schedule.trajectory.joints)
     limit = found.limits["left_1"]

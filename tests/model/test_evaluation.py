@@ -20,6 +20,8 @@ WHOLE = Evaluation(
     clearance=-0.001,
     required_clearance=0.0,
     travel=12.5,
+    torque=0.75,
+    torque_joint="j1",
     limiting={"j1": 0.1, "dwell": 2},
     limits={"j1": {"velocity": 1.5, "lower": -2.0}},
     sliding=("j7",),
@@ -69,9 +71,11 @@ def test_an_evaluation_comes_back_as_it_was() -> None:
                 "clearance",
                 "required_clearance",
                 "travel",
+                "torque",
             )
             for value in (math.nan, math.inf, "1", True)
         ),
+        changed("torque_joint", value=None),
         changed("closes", value=1),
         changed("closes", value=None),
         changed("limiting", value=[]),

@@ -54,6 +54,7 @@ def test_a_parameter_is_of_numbers_or_of_words() -> None:
         ("gap", 0.25, 0.249, "25.0", 1e-3),
         ("clearance", 0.0100, 0.0101, "10.0", 1e-4),
         ("travel", 3.14, 3.13, "3.14", 1e-2),
+        ("torque", 0.993, 0.992, "99.3", 1e-3),
     ],
 )
 def test_costs_are_in_the_steps_that_show(

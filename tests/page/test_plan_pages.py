@@ -277,7 +277,15 @@ def test_a_study_leads_to_its_best_plans(
 def test_an_index_of_many_points_stays_small() -> None:
     """2,000 rows in less than two megabytes: only pages are large."""
     job = {"lower_bound": 1.0, "limiting": {"lines": 1.0}, "cycle_time": 2.0, "caveats": []}
-    figures = {"cycle_time": 2.0, "gap": 0.5, "clearance": 0.1, "travel": 3.0, "jobs": [job]}
+    job |= {"torque": None, "torque_joint": ""}
+    figures = {
+        "cycle_time": 2.0,
+        "gap": 0.5,
+        "clearance": 0.1,
+        "travel": 3.0,
+        "torque": None,
+        "jobs": [job],
+    }
     figures["status"] = "planned"
     row = {"values": {"a": 1.0}, "pareto": False, "reasons": [], **figures}
     document = {

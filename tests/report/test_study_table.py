@@ -25,8 +25,19 @@ from dualarm_cli.report.figures.study_figure import _widen, draw_pareto, draw_se
 
 
 def _row(rank: int | None, x: Any, word: str, **figures: Any) -> dict[str, Any]:
-    values = {"cycle_time": 2.0, "gap": 0.25, "clearance": 0.02, "travel": 3.0} | figures
-    job = {"tasks": "a.yaml", "limiting": {"left_s": 0.5, "lines": 1.5}, "caveats": []} | values
+    values = {
+        "cycle_time": 2.0,
+        "gap": 0.25,
+        "clearance": 0.02,
+        "travel": 3.0,
+        "torque": None,
+    } | figures
+    job = {
+        "tasks": "a.yaml",
+        "torque_joint": "left_2" if values["torque"] else "",
+        "limiting": {"left_s": 0.5, "lines": 1.5},
+        "caveats": [],
+    } | values
     return {
         "rank": rank, "point": 0, "values": {"=x": x, "[b]arm": word}, "status": "planned", "pareto": rank == 1,
         **values, "jobs": [job], "reasons": [],
@@ -36,7 +47,9 @@ def _row(rank: int | None, x: Any, word: str, **figures: Any) -> dict[str, Any]:
 @pytest.fixture
 def document() -> dict[str, Any]:
     """Three rows of four points; names that would be formulas, markup or mathematics."""
-    failed = _row(None, 30, "right", **dict.fromkeys(("cycle_time", "gap", "clearance", "travel")))
+    failed = _row(
+        None, 30, "right", **dict.fromkeys(("cycle_time", "gap", "clearance", "travel", "torque"))
+    )
     failed |= {
         "point": 3,
         "status": "infeasible",
@@ -60,7 +73,9 @@ def document() -> dict[str, Any]:
             {"name": "[b]arm", "unit": "", "numeric": False, "values": ["left", "$right"]},
         ],
         "counts": {"points": 4, "planned": 3, "pareto": 1, "infeasible": 1},
-        "reference": {"status": "planned", "cycle_time": 4.0, "gap": None, "clearance": 0.01, "travel": 1.0},
+        "reference": {
+            "status": "planned", "cycle_time": 4.0, "gap": None, "clearance": 0.01, "travel": 1.0, "torque": None,
+        },
         "rows": [
             _row(1, 10, "left", cycle_time=3.0),
             _row(2, 20.5, "$right", cycle_time=3.5, clearance=0.015),
@@ -88,6 +103,19 @@ def test_the_table_has_the_rows_with_a_plan_in_shown_units(document) -> None:
     ]
     text = _shown(rows_table(document))
     assert "=x [mm]" in text and "[b]arm" in text and "[s].yaml: 3 of 4 points have a plan" in text
+
+
+def test_torque_shares_have_their_joint_where_they_are_known(document) -> None:
+    """The joint of the job with the largest share; no column without any."""
+    assert "torque" not in _shown(rows_table(document))
+    row = document["rows"][0]
+    job = row["jobs"][0] | {"torque": 0.5, "torque_joint": "left_2"}
+    row |= {"torque": 0.96, "jobs": [job, job | {"torque": 0.96, "torque_joint": "right_7"}]}
+    text = _shown(rows_table(document))
+    assert "torque %" in text and "│ 96.0 right_7 │" in text
+    first, second, *_ = csv.DictReader(io.StringIO(study_csv(document).decode()))
+    assert (first["torque"], first["torque_joint"]) == ("0.96", "right_7")
+    assert (second["torque"], second["torque_joint"]) == ("", "")
 
 
 def test_the_sentences_name_the_best_and_what_failed(document) -> None:
@@ -144,8 +172,8 @@ def test_the_csv_gives_every_number_back_and_runs_no_formula(document) -> None:
     document["rows"][0]["cycle_time"] = 0.1 + 0.2
     head, *rows = csv.reader(io.StringIO(study_csv(document).decode()))
     assert head == [
-        "rank", "status", "pareto", "'=x [mm]", "[b]arm", "cycle_time", "gap", "clearance", "travel", "most_time",
-        "caveats", "reason",
+        "rank", "status", "pareto", "'=x [mm]", "[b]arm", "cycle_time", "gap", "clearance", "travel", "torque",
+        "torque_joint", "most_time", "caveats", "reason",
     ]  # fmt: skip
     assert float(rows[0][5]) == 0.1 + 0.2
     assert rows[2][7] == ""
@@ -155,6 +183,8 @@ def test_the_csv_gives_every_number_back_and_runs_no_formula(document) -> None:
         "0",
         "30",
         "right",
+        "",
+        "",
         "",
         "",
         "",

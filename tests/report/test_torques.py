@@ -10,7 +10,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.evaluation.evaluate import evaluation_of
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.interface import Plan
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
@@ -70,6 +72,8 @@ def test_report_and_verifier_name_the_same_torque(heavy) -> None:
     assert check.detail.startswith(f"{joint} at {worst['time']:.3f} s: {worst['torque']:.4g} of ")
     assert check.detail.endswith("carrying left casting")
     assert worst["carrying"] == "left casting"
+    evaluation = evaluation_of("", Plan(job, schedule))
+    assert (evaluation.torque, evaluation.torque_joint) == (worst["share"], joint)
     assert max(row["share"] for row in stages) == worst["share"]
     assert stages[-1]["carrying"] == ""
 

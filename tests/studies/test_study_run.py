@@ -119,14 +119,18 @@ def _planned(**figures: float) -> Evaluation:
     return Evaluation(
         "t",
         "planned",
-        **{"cycle_time": 1.0, "gap": 0.1, "clearance": 0.02, "travel": 3.0} | figures,
+        **{"cycle_time": 1.0, "gap": 0.1, "clearance": 0.02, "travel": 3.0, "torque": 0.5}
+        | figures,
     )
 
 
 def test_figures_of_several_jobs_become_one() -> None:
-    """Times and ways add up; of gaps the largest, of clearances the least."""
-    row = _row(0, _planned(), _planned(cycle_time=2.5, gap=0.3, clearance=0.01, travel=4.0))
-    assert row.figures == {"cycle_time": 3.5, "gap": 0.3, "clearance": 0.01, "travel": 7.0}
+    """Times and ways add up; of gaps and torques the largest, of clearances the least."""
+    row = _row(
+        0, _planned(), _planned(cycle_time=2.5, gap=0.3, clearance=0.01, travel=4.0, torque=0.75)
+    )
+    should = {"cycle_time": 3.5, "gap": 0.3, "clearance": 0.01, "travel": 7.0, "torque": 0.75}
+    assert row.figures == should
 
 
 @pytest.mark.parametrize(

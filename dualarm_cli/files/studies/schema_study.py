@@ -179,11 +179,11 @@ class StudyFile(Section):
         description="The parameters, by name."
     )
     objectives: Annotated[
-        list[Literal["cycle_time", "gap", "clearance", "travel"]],
-        Field(min_length=1, max_length=4),
+        list[Literal["cycle_time", "gap", "clearance", "travel", "torque"]],
+        Field(min_length=1, max_length=5),
     ] = Field(
         default=["cycle_time"],
-        description="Objectives, most important first: cycle_time, gap and travel (minimised), clearance (maximised).",
+        description="Most important first: cycle_time, gap, travel and torque (minimised), clearance (maximised).",
     )
     sample: SampleSection | None = Field(
         default=None, description="Sampling of ranges without step and count."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.markup import escape
@@ -44,6 +44,8 @@ def rows_table(document: dict[str, Any]) -> Table:
     named = [OBJECTIVES[entry["name"]] for entry in document["objectives"]]
     others = [objective for name, objective in OBJECTIVES.items() if objective not in named]
     rows = [row for row in document["rows"] if row["rank"] is not None]
+    if all(row["torque"] is None for row in rows):
+        others = [objective for objective in others if objective.name != "torque"]
     title = f"{document['study']}: {len(rows)} of {document['counts']['points']} points have a plan"
     table = Table(title=escape(title), title_justify="left")
     table.add_column("#", justify="right", no_wrap=True)
@@ -65,7 +67,7 @@ def rows_table(document: dict[str, Any]) -> Table:
             str(row["rank"]),
             *(["*" if row["pareto"] else ""] if pareto else []),
             *(escape(value_text(row["values"][p["name"]])) for p in document["parameters"]),
-            *(o.shown(row[o.name]) for o in (*named, *others)),
+            *(escape(figure_text(o, row)) for o in (*named, *others)),
             escape(most_time(row["jobs"])),
             style="green" if row["pareto"] else "",
         )
@@ -75,6 +77,20 @@ def rows_table(document: dict[str, Any]) -> Table:
 def objective_head(objective: Objective) -> str:
     """Abbreviate an objective for the head of its column."""
     return f"{objective.name.replace('_', ' ')} {objective.shown_unit}"
+
+
+def figure_text(objective: Objective, row: Mapping[str, Any]) -> str:
+    """Format a figure of a row; a torque share has the name of its joint."""
+    shown = objective.shown(row[objective.name])
+    if objective.name == "torque" and row["torque"] is not None:
+        return f"{shown} {torque_joint(row['jobs'])}"
+    return shown
+
+
+def torque_joint(jobs: Sequence[Mapping[str, Any]]) -> str:
+    """Name the joint with the largest torque share; empty without torques."""
+    worst = max(jobs, key=lambda job: job["torque"] or 0.0)
+    return str(worst["torque_joint"])
 
 
 def most_time(jobs: list[dict[str, Any]]) -> str:
@@ -264,6 +280,7 @@ def study_csv(document: dict[str, Any]) -> bytes:
             *(cell_text(parameter_label(parameter)) for parameter in document["parameters"]),
             *OBJECTIVES,
             *(cell_text(f"cycle_time {job}") for job in jobs),
+            "torque_joint",
             "most_time",
             "caveats",
             "reason",
@@ -276,6 +293,7 @@ def study_csv(document: dict[str, Any]) -> bytes:
         cells += [job["cycle_time"] for job in row["jobs"]] if jobs else []
         planned = row["rank"] is not None
         cells += [
+            torque_joint(row["jobs"]) or None if planned else None,
             most_time(row["jobs"]) if planned else None,
             "; ".join(dict.fromkeys(text for job in row["jobs"] for text in job["caveats"])),
             one_line_reason("; ".join(row["reasons"])) or None,
