@@ -71,7 +71,7 @@ class Kept:
     """Line number, from 1."""
     column: int
     """Column number, from 1."""
-    cycle_kind: CycleKind = "nominal"
+    cycle_kind: str = "nominal"
     """Cycle time that is compared."""
 
     def __str__(self) -> str:
