@@ -119,6 +119,8 @@ def torque_curves(schedule: Schedule, job: Job) -> dict[str, Any] | None:
     if not has_torques(job):
         return None
     samples = list(torque_samples(InverseDynamics(job.cell), schedule, job))
+    if not samples:  # a motion without length
+        return None
     time = np.concatenate([part.time for part in samples])
     torque = np.vstack([part.torque for part in samples])[np.argsort(time, kind="stable")]
     rows = np.arange(0, len(time), max(len(time) // PAGE.most, 1))

@@ -79,6 +79,8 @@ def torque_members(schedule: Schedule, job: Job) -> tuple[dict[str, Any] | None,
     done, robot = job_as_done(schedule, job), job.cell.robot
     dynamics = InverseDynamics(job.cell)
     samples = list(torque_samples(dynamics, schedule, done))
+    if not samples:  # a motion without length
+        return None, [None] * len(stages)
     rest, motion = zip(*(_parts(dynamics, part, robot.torques) for part in samples), strict=True)
     whole = _Whole(samples, np.vstack(rest), np.vstack(motion), robot.torques)
     groups = {PLATFORM: robot.platform} | {arm.name: arm.joints for arm in robot.arms}
