@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
-from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from dualarm_cli.geometry.arrays import FloatArray
 
 CycleKind = Literal["nominal", "95%", "worst"]
 """Cycle time of a plan whose dwells vary that a budget is for."""
@@ -27,6 +27,8 @@ class TimeRange:
 
     def drawn(self, shares: FloatArray) -> FloatArray:
         """Compute the times that shares (k,) of all do not exceed, of a triangular distribution [s]."""
+        import numpy as np  # stored answers need none
+
         width, rise = self.most - self.least, self.nominal - self.least
         rising = self.least + np.sqrt(shares * width * rise)
         falling = self.most - np.sqrt((1.0 - shares) * width * (self.most - self.nominal))

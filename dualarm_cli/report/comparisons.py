@@ -246,7 +246,7 @@ class StudyJob(TypedDict):
     clearance: Annotated[float | None, "m", "Least clearance."]
     travel: Annotated[float | None, "rad", "Total travel of all joints that turn."]
     torque: Annotated[float | None, "", "Largest torque as a share of the joint's effort."]
-    torque_joint: Annotated[JointName, "", "Joint of that torque; empty without torques."]
+    torque_joint: Annotated[str, "", "Joint of that torque; empty without torques."]
     limiting: dict[JointName, Annotated[float, "s", "Time of transfers that each joint, lines and dwells decide."]]
     caveats: Annotated[list[str], "", "Sentences on gaps of the verification."]
 

@@ -414,6 +414,7 @@ class Report(TypedDict):
     seams: list[ReportSeam]
     conveyors: list[ReportMeeting]
     stages: list[ReportStage]
+    torques: ReportTorques | None
     bottlenecks: dict[JointName, Annotated[int, "", "In how many stages each joint is the bottleneck."]]
     arms: dict[ArmName, ReportArm]
     tool_changes: dict[ArmName, ReportChanges]
@@ -431,7 +432,6 @@ class Report(TypedDict):
     assumptions: Annotated[list[str], "", "Sentences that name the assumed limits."]
     without_jerk_limit: Annotated[list[str], "", "Joints whose jerk is not limited: the robot file says `jerk: none`."]
     sensitivity: list[ReportSensitivity]
-    torques: ReportTorques | None
     verification: ReportVerification | None
     settings: SettingsRow
     notes: Annotated[list[str], "", "Choices and assumptions that a reader should know."]
