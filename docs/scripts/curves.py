@@ -30,5 +30,6 @@ tool.set(xlabel="time [s]", ylabel="tool speed [m/s]")
 figure.savefig("curves.png")
 
 # %% Who waits, and for what
+print(f"cycle time {schedule.duration:.3f} s")
 for wait in result.report["waits"]:
     print(f"{wait['arm']} waits {wait['length']:.3f} s: {wait['reason']}")
