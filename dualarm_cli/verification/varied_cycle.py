@@ -111,27 +111,37 @@ def cycle_times(schedule: Schedule, longer: Mapping[int, FloatArray], count: int
         longer: additional time of segments by index [s], (count,); negative for shorter ones.
         count: number of cases.
     """
-    barriers = _barriers(schedule)
+    parts, barriers, passed = schedule.segments, _barriers(schedule), 0
     ready: dict[str, FloatArray] = {arm: np.zeros(count) for arm in schedule.robot.arms}
-    passed, ends = 0, dict[int, FloatArray]()
-    parts = schedule.segments
-    for k in sorted(range(len(parts)), key=lambda k: (parts[k].end, parts[k].kind == "wait")):
+    planned = dict.fromkeys(ready, 0.0)
+    last = {arm: max((p.end for p in parts if p.arm == arm), default=0.0) for arm in ready}
+
+    def released(part: Segment) -> FloatArray:
+        """Return when the other arm has come as far as at the planned end of a segment [s]."""
+        others = [arm for arm in ready if arm != part.arm and part.end <= last[arm] + SAME_TIME]
+        times = [ready[arm] + max(0.0, part.end - planned[arm]) for arm in others]
+        return np.maximum.reduce([np.zeros(count), *times])
+
+    # What depends on the other arm comes after what ends at the same time.
+    depends = [p.kind == "wait" or p.action == "give" for p in parts]
+    for k in sorted(range(len(parts)), key=lambda k: (parts[k].end, depends[k])):
         part = parts[k]
         while passed < len(barriers) and part.start >= barriers[passed] - SAME_TIME:
             together = np.maximum.reduce(list(ready.values()))
             ready = {arm: together for arm in ready}
+            planned = dict.fromkeys(ready, barriers[passed])
             passed += 1
-        arrives = ready[part.arm]
+        arrives, length = ready[part.arm], part.end - part.start
         if part.kind == "wait" and part.reason in FOR_OTHERS:
-            ends[k] = np.maximum(arrives, _released(schedule, k, ends, ready))
+            end = np.maximum(arrives, released(part))
         elif part.kind == "wait" and part.reason == "window":
-            ends[k] = np.maximum(arrives, part.end)
+            end = np.maximum(arrives, part.end)
+        elif part.kind == "dwell" and part.action == "give":
+            # The giver stands until the taker has gripped.
+            end = np.maximum(arrives, released(part))
         else:
-            ends[k] = arrives + (part.end - part.start) + longer.get(k, 0.0)
-            if part.action == "give":
-                # The giver stands until the taker has gripped.
-                ends[k] = np.maximum(ends[k], _released(schedule, k, ends, ready))
-        ready = {**ready, part.arm: ends[k]}
+            end = arrives + length + longer.get(k, 0.0)
+        ready, planned = {**ready, part.arm: end}, {**planned, part.arm: part.end}
     return np.maximum.reduce(list(ready.values()))
 
 
@@ -141,37 +151,3 @@ def _barriers(schedule: Schedule) -> list[float]:
     ends = [stage.end for stage in schedule.stages]
     overlapping = any(b < e - SAME_TIME for b, e in zip(starts[1:], ends[:-1], strict=True))
     return [] if overlapping else starts
-
-
-def _released(
-    schedule: Schedule,
-    k: int,
-    ends: Mapping[int, FloatArray],
-    ready: Mapping[str, FloatArray],
-) -> FloatArray:
-    """Compute when the other arm lets a wait end [s].
-
-    That is when the other arm ends what ended with the wait, or as long into its motion as in the plan.
-    """
-    part: Segment = schedule.segments[k]
-    latest = np.zeros_like(ready[part.arm])
-    for arm, since in ready.items():
-        if arm == part.arm:
-            continue
-        done = [
-            j
-            for j, segment in enumerate(schedule.segments)
-            if segment.arm == arm and j in ends and abs(segment.end - part.end) <= SAME_TIME
-        ]
-        during = [
-            segment
-            for segment in schedule.segments
-            if segment.arm == arm
-            and segment.start < part.end - SAME_TIME
-            and segment.end > part.end + SAME_TIME
-        ]
-        if done:
-            latest = np.maximum(latest, ends[done[-1]])
-        elif during:
-            latest = np.maximum(latest, since + (part.end - during[0].start))
-    return latest

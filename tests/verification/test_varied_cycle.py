@@ -64,6 +64,18 @@ def test_longer_dwells_cost_what_a_plan_made_anew_takes(tasks_folder: Path, seed
     assert cycle_times(schedule, longer, 1)[0] == pytest.approx(anew.duration, abs=1e-6)
 
 
+def test_a_hand_over_waits_for_the_taker(tasks_folder: Path) -> None:
+    """All wait for a hand-over, so that its time is added in full."""
+    job = load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
+    settings = PlanSettings(platform="exact", blend="none", effort="quick")
+    schedule = plan_without_bound(job, settings, check_collisions=False)
+    grips = [k for k, p in enumerate(schedule.segments) if (p.kind, p.action) == ("dwell", "take")]
+    assert grips
+    longer = {k: np.array([0.25 + 0.1 * n]) for n, k in enumerate(grips)}
+    extra = sum(float(more[0]) for more in longer.values())
+    assert cycle_times(schedule, longer, 1)[0] == pytest.approx(schedule.duration + extra, abs=1e-6)
+
+
 def test_the_times_of_one_arm_add_up(tasks_folder: Path) -> None:
     """One arm alone: the worst case is the sum; a sum of many triangles is nearly normal."""
     job = packing_job(tasks_folder, 24)

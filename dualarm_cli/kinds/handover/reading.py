@@ -134,6 +134,7 @@ def handover_shares(
     work = Handover(whole.arm, taker, grip, place)
     give = Stop("give", PoseTarget(pose), 0.0, pick.retract, pick.dwell, place)
     take = Stop("take", PoseTarget(pose * grip), pick.approach, 0.0, pick.dwell, place)
+    take = replace(take, varying=pick.varying)
     return [
         replace(whole, stops=(pick, give), handover=work),
         replace(
