@@ -117,7 +117,7 @@ def cycle_times(schedule: Schedule, longer: Mapping[int, FloatArray], count: int
     last = {arm: max((p.end for p in parts if p.arm == arm), default=0.0) for arm in ready}
 
     def released(part: Segment) -> FloatArray:
-        """Return when the other arm has come as far as at the planned end of a segment [s]."""
+        """Return when the other arm is as far as at a segment's planned end [s]."""
         others = [arm for arm in ready if arm != part.arm and part.end <= last[arm] + SAME_TIME]
         times = [ready[arm] + max(0.0, part.end - planned[arm]) for arm in others]
         return np.maximum.reduce([np.zeros(count), *times])
