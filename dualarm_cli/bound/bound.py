@@ -10,16 +10,14 @@ which all arms of the stage reach both ends of their lines, so that these cells 
 - approach, dwell and retract take at least the dwell plus the larger of two times: the bound of the lines
   (`pose_cells`), and the rest-to-rest time between the two cells (two consecutive rest-to-rest motions take no less
   than a single one);
-- where arms begin a stage together, it lasts as long as the slower arm, so at least the least time of the other arm
-  over all its postures in the same two platform cells. Elsewhere arms begin their transfers at different times; the
-  platform leaves a stage when the last arm has finished it, and lines begin when the platform has arrived;
+- a stage lasts as long as the slower arm, so at least the least time of the other arm over all its postures in the same
+  two platform cells;
 - a path or seam makes two stages, the first up to its begin, the second along it. Its arms reach its end without a
   transfer, and leave it from any posture if their poses there are unknown (`OtherWork`).
 
-The least remaining time from every cell is computed backwards, stage by stage and arm by arm. From a stage that arms
-begin together a plan takes as long as either arm needs from the same platform cell. Elsewhere it takes as long as the
-arm needs, and as long as the platform's motion and then the other arm need. Our own method; the idea to bound pairs of
-cells instead of nodes comes from interval methods.
+The least remaining time from every cell is computed backwards, stage by stage and arm by arm. Arms begin a stage at the
+same time, so that from each platform cell a plan takes as long as either arm needs. Our own method; the idea to bound
+pairs of cells instead of nodes comes from interval methods.
 """
 
 from __future__ import annotations
@@ -95,15 +93,13 @@ class OtherWork:
     """Earliest begin of each stage [s], shape (n,)."""
     moved: BoolArray
     """Mask of arms that end a stage by a path or seam, (arms, n)."""
-    together: BoolArray
-    """Mask of stages that all arms begin and end together, shape (n,)."""
 
     @classmethod
     def none(cls, problem: SequenceProblem) -> OtherWork:
         """Make the data of a sequence without paths and seams."""
         n = problem.stages
         moved = np.zeros((len(problem.arms), n), dtype=np.bool_)
-        return cls(np.zeros(n), np.zeros(n), moved, np.ones(n, dtype=np.bool_))
+        return cls(np.zeros(n), np.zeros(n), moved)
 
 
 @dataclass
@@ -243,7 +239,6 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
             arm.turned, arm.remaining = _return_times(problem, arm, works)
     passed = _take_common(arms)
     longest = 0.0
-    platform = _platform_times(problem, cells.tables[0], edges)
     for k in range(problem.stages - 1, -1, -1):
         stages, before = {}, {}
         for a, arm in enumerate(arms):
@@ -253,58 +248,25 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
             if not all(stop is None or stop.possible for stop in (arm.here, before[a])):
                 return np.inf
             stages[a] = _stage(problem, arm, k, before[a], works)
-        origin = platform[:1] if k == 0 else platform[1:]
-        floors = _floors(arms, stages, origin, bool(works.together[k]), np.float32(works.least[k]))
-        for a, arm in enumerate(arms):
-            floor, beyond = floors[a]
+        floors = _floors(arms, stages, len(edges) - 1, np.float32(works.least[k]))
+        for a, (arm, floor) in enumerate(zip(arms, floors, strict=True)):
             if a in stages:
-                arm.turned, arm.remaining = _least_from(arm, stages[a], floor, beyond, before[a])
+                arm.turned, arm.remaining = _least_from(arm, stages[a], floor, before[a])
                 arm.here, arm.stage = before[a], int(arm.chain.previous[k])
                 continue
-            arm.raise_to(arm.remaining + floor.min() if beyond else floor.min())
-        if works.together[k]:
-            _begin_together(arms, k - 1, len(edges) - 1)
+            arm.raise_to(arm.remaining + floor.min())
+        _begin_together(arms, k - 1, len(edges) - 1)
         passed += _take_common(arms)
         begins = max(float(arm.turned.min(initial=np.inf)) for arm in arms)
         longest = max(longest, passed + begins + float(works.earliest[k]))
     return longest
 
 
-def _platform_times(problem: SequenceProblem, table: TransferTable, edges: FloatArray) -> Times:
-    """Compute the platform's least times between cells [s], shape (1 + g, g).
-
-    The first row is from its start.
-    """
-    cells = len(edges) - 1
-    if not problem.turns or not _platform_counts(problem):
-        return np.zeros((1 + cells, cells), dtype=np.float32)
-    joints = problem.arms[0].joints
-    low, high = (np.column_stack([np.zeros((cells, joints)), x]) for x in (edges[:-1], edges[1:]))
-    start = np.append(np.zeros(joints), problem.platform_start[0])[None]
-    goal, without = table.box(low, high), tuple(range(joints))
-    times = [table.gap_times(*table.box(*x), *goal, without) for x in ((start, start), (low, high))]
-    return np.vstack(times)
-
-
 def _floors(
-    arms: list[_Arm],
-    stages: dict[int, _Stage],
-    platform: Times,
-    together: bool,
-    least: np.float32,
-) -> list[tuple[Times, bool]]:
-    """Bound the time of each arm by the other arms.
-
-    By pair of platform cells [s], shape (g, g), with a flag: whether the arm's own remaining time follows. Else that of
-    the other arms follows, and is included.
-    """
-    cells = platform.shape[1]
-    times = {
-        a: stage.by_cells(cells)
-        if together
-        else platform + _least_by_cell(stage.work, _work_and_rest(arms[a], stage)[0], cells)
-        for a, stage in stages.items()
-    }
+    arms: list[_Arm], stages: dict[int, _Stage], cells: int, least: np.float32
+) -> list[Times]:
+    """Bound the time of each arm in a stage by the other arms, by pair of platform cells [s], (g, g)."""
+    times = {a: stage.by_cells(cells) for a, stage in stages.items()}
     floors = []
     for a in range(len(arms)):
         floor = np.full((cells, cells), least)
@@ -312,7 +274,7 @@ def _floors(
         for b, bound in times.items():
             if b != a:
                 np.maximum(floor, bound if adjacent else bound.min(axis=0), out=floor)
-        floors.append((floor, together))
+        floors.append(floor)
     return floors
 
 
@@ -402,13 +364,8 @@ def _stage(
     return _Stage(pairs, consecutive, stop)
 
 
-def _work_and_rest(arm: _Arm, stage: _Stage) -> tuple[Times, Times]:
-    """Compute the least work with the remaining time, and the latter alone, per approach cell [s]."""
-    return stage.work.with_rest(arm.remaining, arm.turned)
-
-
 def _least_from(
-    arm: _Arm, stage: _Stage, floor: Times, together: bool, before: StopWork | None
+    arm: _Arm, stage: _Stage, floor: Times, before: StopWork | None
 ) -> tuple[Times, Times]:
     """Compute the least remaining times from every cell of the stop before [s], shape (n,) each.
 
@@ -418,12 +375,9 @@ def _least_from(
         arm: the arm.
         stage: its transfer and work.
         floor: least time by the other arms, see `_floors`.
-        together: whether the arm's remaining time follows `floor`.
         before: its stop before, or None.
     """
-    work_and_rest, beyond = _work_and_rest(arm, stage)
-    if not together:
-        beyond = np.zeros_like(beyond)
+    work_and_rest, beyond = stage.work.with_rest(arm.remaining, arm.turned)
     if stage.pairs is not None:
         onward = stage.work.onward(arm.remaining, arm.turned)
         return stage.pairs.least_from(work_and_rest, onward, floor, beyond)

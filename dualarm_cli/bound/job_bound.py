@@ -313,7 +313,6 @@ class JobBound:
             least=np.array([row.least for row in rows]),
             earliest=np.array([row.earliest for row in rows]),
             moved=np.array([[name in row.moved for row in rows] for name in self.model.arms]),
-            together=np.ones(len(rows), dtype=np.bool_),
         )
         value = self._of_stages(problem, works).value
         assert value is not None  # there are cells for every stop of this robot

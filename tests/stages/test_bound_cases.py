@@ -599,26 +599,14 @@ def test_a_stop_takes_its_lines_or_the_way_between_its_cells() -> None:
 
 
 @pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("together", [True, False])
 def test_a_stage_takes_what_the_other_arm_needs_from_the_cell_before_or_from_any(
-    known: bool, together: bool
+    known: bool,
 ) -> None:
-    """Random times by platform cell: together with the other arm's transfer, else with the platform's and all after."""
-    random = np.random.default_rng(14)
-    platform, transfers = (random.uniform(0.0, 2.0, (4, 4)).astype(np.float32) for _ in range(2))
-    rest = random.uniform(0.0, 1.0, 4).astype(np.float32)
-    work = SimpleNamespace(
-        approach=SimpleNamespace(index=np.arange(4)), with_rest=lambda rest, turned: (turned, rest)
-    )
-    stage = SimpleNamespace(consecutive=known, work=work, by_cells=lambda cells: transfers)
-    arm = SimpleNamespace(remaining=rest - 0.5, turned=rest)
-    floors = bound_pairs._floors(
-        [arm, arm], {0: stage, 1: stage}, platform, together, np.float32(0)
-    )
-    expected = transfers if together else platform + rest
-    for floor, own_rest_follows in floors:
-        assert own_rest_follows == together
+    """Random times by platform cell of the other arm's transfer and work."""
+    transfers = np.random.default_rng(14).uniform(0.0, 2.0, (4, 4)).astype(np.float32)
+    stage = SimpleNamespace(consecutive=known, by_cells=lambda cells: transfers)
+    for floor in bound_pairs._floors([None, None], {0: stage, 1: stage}, 4, np.float32(0)):
         for before in range(4):
             rows = [before] if known else range(4)
             for then in range(4):
-                assert floor[before, then] == min(expected[k, then] for k in rows)
+                assert floor[before, then] == min(transfers[k, then] for k in rows)

@@ -36,12 +36,10 @@ def random_sequence(
         arms.append(dataclasses.replace(work, stops=tuple(stops)))
     free, returns = random.random() < 0.3, random.random() < 0.7
     problem = dataclasses.replace(problem, arms=tuple(arms), free_start=free, returns=returns)
-    together = random.random(STAGES) < random.choice([0.4, 1.0])
     other = OtherWork(
-        least=together * random.choice([0.0, 0.5, 2.0], STAGES),
-        earliest=together * random.choice([0.0, 0.0, 1.0, 4.0], STAGES),
-        moved=together & (random.random((2, STAGES)) < 0.25),
-        together=together,
+        least=random.choice([0.0, 0.5, 2.0], STAGES),
+        earliest=random.choice([0.0, 0.0, 1.0, 4.0], STAGES),
+        moved=random.random((2, STAGES)) < 0.25,
     )
     return problem, other
 
@@ -69,19 +67,15 @@ def _end(problem: SequenceProblem, other: OtherWork, chosen: Chosen) -> float:
         return 0.0 if before is None else float(problem.arms[a].law.duration(np.abs(q - before)))
 
     for k in range(STAGES):
-        finished = max(clocks)
-        if other.together[k]:
-            finished = max(finished, float(other.earliest[k]))
-            clocks = [finished, finished]
+        begin = max(*clocks, float(other.earliest[k]))
+        clocks = [begin, begin]
         for a in (0, 1):
             if other.moved[a, k] or (k == 0 and problem.free_start and (a, 0) in chosen):
                 here[a] = None
             if (a, k) in chosen:
-                # No arm begins its lines before the platform leaves the stage before.
-                clocks[a] = max(finished, clocks[a] + transfer(a, chosen[a, k]))
+                clocks[a] += transfer(a, chosen[a, k])
                 here[a] = chosen[a, k]
-        if other.together[k]:
-            clocks = [max(*clocks, finished + float(other.least[k]))] * 2
+        clocks = [max(*clocks, begin + float(other.least[k]))] * 2
     if not problem.returns or problem.free_start:
         return max(clocks)
     # An arm without any stop has nothing to return from.
@@ -129,7 +123,7 @@ def test_where_both_arms_go_on_from_anywhere_bounds_add_up(
         assert lower_bound(problem, "quick", other).value == pytest.approx(sum(parts), rel=1e-5)
 
 
-def test_while_an_arm_is_idle_the_other_one_s_stage_counts_where_stages_begin_together(
+def test_while_an_arm_is_idle_the_other_one_s_stage_counts(
     random_problem: Callable[..., SequenceProblem],
 ) -> None:
     """Left: at its start or far away, then far away: one far transfer either way. In between the right arm has one."""
@@ -154,5 +148,3 @@ def test_while_an_arm_is_idle_the_other_one_s_stage_counts_where_stages_begin_to
         float(work.law.duration(q - work.start)) for work, q in zip(whole.arms, far, strict=True)
     ]
     assert 0.99 * sum(times) < lower_bound(problem, "quick").value <= sum(times)
-    apart = dataclasses.replace(OtherWork.none(problem), together=np.zeros(3, dtype=np.bool_))
-    assert 0.99 * max(times) < lower_bound(problem, "quick", apart).value <= max(times)
