@@ -67,18 +67,16 @@ def one_process() -> Iterator[None]:
         yield
 
 
-FULL = dict(effort.EFFORTS)
+SCALING, FULL = effort.stages.SCALING, dict(effort.EFFORTS)
 
 
 def _searching(patch: pytest.MonkeyPatch, *, brief: bool) -> None:
     """Lets short jobs be searched as briefly as long ones, without simpler methods' plans beside, or as for users."""
-    for name, full in FULL.items():
-        search = replace(full.search, max_factor=1)
-        if name != "thorough":
-            search = replace(search, begun=0)
-        if name == "quick":
-            search = replace(search, in_short=(), refinements=0)
-        patch.setitem(effort.EFFORTS, name, replace(full, search=search) if brief else full)
+    patch.setattr(effort.stages, "SCALING", replace(SCALING, max_factor=1) if brief else SCALING)
+    for name in ("quick", "normal"):
+        full = FULL[name]
+        own = replace(full, search=replace(full.search, begun=0)) if brief else full
+        patch.setitem(effort.EFFORTS, name, own)
 
 
 @pytest.fixture(scope="session", autouse=True)

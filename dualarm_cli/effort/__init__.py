@@ -7,16 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.effort.stages import (
-    COARSE,
-    FINE,
-    NEAR,
-    SCALING,
-    WIDE,
-    Mesh,
-    SearchEffort,
-    SequenceSettings,
-)
+from dualarm_cli.effort.stages import COARSE, FINE, NEAR, Mesh, SearchEffort, SequenceSettings
 from dualarm_cli.records import dataclass
 
 
@@ -345,16 +336,12 @@ EFFORTS: Mapping[str, EffortSettings] = {
         epochs=EpochEffort(sets=3, moves=20, glance=20, close=400),
         search=SearchEffort(
             meshes=(replace(COARSE, per_angle=3),),
-            in_short=WIDE,
             trial_rounds=2,
             rounds=2,
             cycles_in_long=1,
             local_rounds=0,
             near=replace(NEAR, arm_angles=18, most_nodes=1000, width=20, per_angle=3),
-            begun=0,
-            max_factor=2,
-            refinements=1,
-            refined=SCALING.short,
+            refined=6,
         ),
         bound=Resolution(step=np.radians(15.0), arm_angles=9, finer=3),
         hopeless_orders=2,

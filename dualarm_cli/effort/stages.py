@@ -21,8 +21,10 @@ class LengthScaling:
     """Smallest fraction of a grid's nodes that is kept in long sequences."""
     min_rounds: int = 3
     """Minimum number of polishing rounds of a short sequence, before they are multiplied."""
+    max_factor: int = 4
+    """Largest factor of rounds and plans in short sequences."""
     further_grids_factor: int = 4
-    """Factor from which a sequence gets further grids, and at least one local grid."""
+    """Factor from which a sequence gets the grids for short ones as well."""
 
     def damping(self, stages: int) -> float:
         """Compute the damping of thresholds: 1 up to `long`, less in longer sequences."""
@@ -30,7 +32,7 @@ class LengthScaling:
 
     def factor(self, stages: int) -> int:
         """Compute the factor of rounds and plans in a sequence, 1 or more."""
-        return max(1, self.long // stages)
+        return min(self.max_factor, max(1, self.long // stages))
 
 
 SCALING = LengthScaling()
@@ -67,14 +69,6 @@ LOCAL = Mesh(angle_step=np.radians(3.0), arm_angles=36, most_nodes=1500, width=4
 """Grid around the best plan of shorter sequences."""
 COARSE = Mesh(angle_step=np.radians(12.0), arm_angles=14, most_nodes=1000, width=20)
 """Grid of all sequences at normal effort."""
-WIDE = (
-    Mesh(angle_step=np.radians(12.0), arm_angles=14, most_nodes=1500, width=60, per_angle=6),
-    Mesh(angle_step=np.radians(15.0), arm_angles=12, most_nodes=1000, width=40, per_angle=6),
-)
-"""Grids of short sequences at quick effort.
-
-Their plans replace starts of simpler methods and half of the polishing.
-"""
 FINE = (
     Mesh(angle_step=np.radians(8.0), arm_angles=22, most_nodes=3000, width=200, per_angle=8),
     Mesh(angle_step=np.radians(10.0), arm_angles=18, most_nodes=3000, width=100, per_angle=8),
@@ -107,17 +101,10 @@ class SearchEffort:
     """Number of other plans polished in the same cycles, and combined."""
     refinements: int = 0
     """Number of refinements of the collision-free plan, each checked exactly."""
-    refined: int | None = None
-    """Maximum number of refined stages, or None.
-
-    With a maximum, plans of arms without arm angles are not refined.
-    """
     refinement_rounds: int = 8
     """Rounds of random steps in each refinement; more for short sequences."""
     for_few: tuple[Mesh, ...] = ()
     """Further grids for short sequences."""
-    in_short: tuple[Mesh, ...] = ()
-    """Grids of short sequences in place of `meshes`, or none."""
     local: Mesh = LOCAL
     """Grid around the best plan, for fewer stages than `SCALING.long`."""
     local_rounds: int = 1
@@ -131,8 +118,11 @@ class SearchEffort:
 
     Longer sequences have these starts only if no grid has a plan.
     """
-    max_factor: int = 4
-    """Largest factor of rounds and plans in short sequences."""
+    refined: int = 12
+    """Number of stages up to which the refined plan of `minimum_time` always competes, blended.
+
+    At 8 and 12 stages this is a quarter of quick effort's time, and gained nothing.
+    """
     spares: bool = True
     """Flag of efforts that save time where more search seldom helps.
 
@@ -150,20 +140,18 @@ class SearchEffort:
             share = max(SCALING.min_node_fraction, SCALING.damping(stages))
             meshes = tuple(mesh.thinned(share) for mesh in self.meshes)
             return replace(self, meshes=meshes, cycles=cycles, local=local.thinned(share))
-        factor = min(self.max_factor, SCALING.factor(stages))
-        is_short = stages <= SCALING.short
-        further = SCALING.factor(stages) >= SCALING.further_grids_factor
-        meshes = self.in_short if is_short and self.in_short else self.meshes
+        factor = SCALING.factor(stages)
+        is_short, further = stages <= SCALING.short, factor >= SCALING.further_grids_factor
         return replace(
             self,
-            meshes=(*meshes, *self.for_few) if further else meshes,
+            meshes=(*self.meshes, *self.for_few) if further else self.meshes,
             trial_rounds=self.trial_rounds * min(factor, 2),
             rounds=factor * (max(self.rounds, SCALING.min_rounds) if is_short else self.rounds),
             cycles=cycles,
             random_steps=self.random_steps * factor,
             local=local,
             refinement_rounds=self.refinement_rounds * min(factor, 2),
-            local_rounds=max(self.local_rounds * factor, int(further)),
+            local_rounds=self.local_rounds * factor,
             plans=self.plans * factor,
         )
 
@@ -173,7 +161,7 @@ class SearchEffort:
         Their postures take some thirty times as long. They get a single grid, the finer one for short sequences, a grid
         around its plan, and little polishing.
         """
-        few = self.max_factor * stages <= SCALING.long and self.for_few
+        few = SCALING.max_factor * stages <= SCALING.long and self.for_few
         return replace(
             self,
             meshes=(self.for_few if few else self.meshes)[:1],

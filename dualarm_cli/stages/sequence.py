@@ -148,11 +148,8 @@ def _posture(plan: Evaluated, arm: int, stage: int) -> StopPosture:
 
 def solve_sequence(problem: MethodProblem) -> Decided:
     """Plan the whole sequence, see `_solved`, and offer to refine the collision-free plan."""
-    decided, how = _solved(problem), problem.settings.search
-    few = how.refined is None or (
-        problem.model.has_arm_angles and len(problem.job.stages()) <= how.refined
-    )
-    if not (how.refinements and few and _is_timed_whole(problem.job)):
+    decided = _solved(problem)
+    if not problem.settings.search.refinements or not _is_timed_whole(problem.job):
         return decided
     return replace(decided, refined=partial(_refined, problem))
 
@@ -222,9 +219,7 @@ def _solved(problem: MethodProblem) -> Decided:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    # The search ignores tool speed limits: under one, simpler plans may be faster.
-    begun = problem.settings.search.begun
-    greedy = len(job.stages()) <= (begun if job.tool_speed is None else max(begun, SCALING.short))
+    greedy = len(job.stages()) <= problem.settings.search.begun
 
     def simpler_starts(on_grid: bool) -> list[Decisions]:
         nonlocal starts, failure
@@ -250,8 +245,11 @@ def _solved(problem: MethodProblem) -> Decided:
     stages = stage_plans(model, job, numbers, result.best.decisions, "sequence")
     if result.is_infeasible:
         return Decided(stages, is_infeasible=True)
+    # A blended search restarts from its own plan and seldom loses against simpler plans.
+    blends = numbers.launches is not None
+    few = problem.settings.search.refined if blends else numbers.settings.few_stages
     narrowed = (stage_plans(model, job, numbers, plan, "sequence") for plan in result.with_margin)
-    alternatives = *_rivals(problem, starts, result), *narrowed
+    alternatives = *_rivals(problem, starts, result, few), *narrowed
     # The grid's bound ignores the cost of clearance, the plan on the grid includes it.
     gap = _grid_gap(result) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None
@@ -336,7 +334,7 @@ def _grid_gap(result: SequenceResult) -> float | None:
 
 
 def _rivals(
-    problem: MethodProblem, starts: dict[str, list[StagePlan]], result: SequenceResult
+    problem: MethodProblem, starts: dict[str, list[StagePlan]], result: SequenceResult, few: int
 ) -> tuple[list[StagePlan], ...]:
     """Refine the simpler plans that exact timing may show to be as fast.
 
@@ -344,9 +342,10 @@ def _rivals(
         problem: the problem of the method.
         starts: unrefined plans of the simpler methods.
         result: result of the search.
+        few: number of stages up to which the `minimum_time` plan is always refined.
     """
     total, settings = result.best.total, problem.settings.sequence
-    is_short = len(problem.job.stages()) <= settings.few_stages or not problem.settings.spares
+    is_short = len(problem.job.stages()) <= few or not problem.settings.spares
     capped = problem.job.tool_speed is not None
     even = SCALING.damping(len(problem.job.stages()))
     excess = dict.fromkeys(starts, np.inf if capped else settings.refined * even)

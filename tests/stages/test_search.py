@@ -370,9 +370,7 @@ def test_simpler_methods_begin_short_sequences_only(
     random_job: Callable[..., Job], monkeypatch: pytest.MonkeyPatch, beyond: int, asked: int
 ) -> None:
     """Longer ones have a plan on the grid, and no use for theirs."""
-    search = replace(EFFORTS["quick"].search, begun=4)
-    monkeypatch.setitem(EFFORTS, "quick", replace(EFFORTS["quick"], search=search))
-    count = 4 + beyond
+    count = int(EFFORTS["quick"].search.begun) + beyond
     calls, starts = [], sequence._starts
     monkeypatch.setattr(sequence, "_starts", lambda one: (calls.append(1), starts(one))[1])
     decided = sequence.solve_sequence(_method_problem(random_job(3, (count, count))))
