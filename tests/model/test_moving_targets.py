@@ -88,6 +88,7 @@ NEUTRAL = {
     ("Task", "not_after"): lambda last: last > sys.float_info.max,
     ("Stop", "straight"): lambda length: min(length, sys.float_info.max) == sys.float_info.max,
     ("PoseTarget", "symmetry"): lambda poses: math.isclose(math.cos(math.tau / poses), 1.0),
+    ("Grasp", "symmetry"): lambda poses: math.isclose(math.cos(math.tau / poses), 1.0),
     ("Amount", "factor"): lambda factor: Amount(7.0, factor=factor).si == 7.0,
     ("PathWork", "tolerance"): lambda tolerance: tolerance == PATH["tolerance"].default,
     ("PathWork", "stiffness"): lambda stiffness: stiffness == PATH["stiffness"].default,
