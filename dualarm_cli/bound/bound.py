@@ -265,7 +265,10 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
 def _floors(
     arms: list[_Arm], stages: dict[int, _Stage], cells: int, least: np.float32
 ) -> list[Times]:
-    """Bound the time of each arm in a stage by the other arms, by pair of platform cells [s], (g, g)."""
+    """Bound the time of each arm in a stage by the other arms [s].
+
+    By pair of platform cells, shape (g, g).
+    """
     times = {a: stage.by_cells(cells) for a, stage in stages.items()}
     floors = []
     for a in range(len(arms)):
