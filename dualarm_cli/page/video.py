@@ -159,7 +159,8 @@ def browsing(page: Path) -> Iterator[Callable[[str], Any]]:
         OutputError: the browser ends, is silent, or cannot draw the page.
     """
     (reads, tells), (hears, writes) = os.pipe(), os.pipe()
-    with tempfile.TemporaryDirectory() as profile:
+    # The browser may still write while it ends.
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         flags = [
             *_FLAGS,
             f"--user-data-dir={profile}",
