@@ -16,7 +16,7 @@ NANO = 1_000_000_000
 """Nanoseconds per second."""
 BLOCK = 2_000
 """Number of polynomial pieces compared at once."""
-NEAREST = 50_000
+NEAREST = 5_000
 """Minimum distance of a sample from a knot [ns]; a nearer sample is dropped."""
 SLACK = 1e-4
 """Rounding tolerance: fraction of a limit, and position beyond one [rad].
