@@ -168,9 +168,9 @@ def on_belt(job_of, passes: float):
 
 
 def test_a_part_on_a_belt_in_the_way_is_refused_with_the_bodies(job_of):
-    """150 mm behind the first one it passes where that is carried away, in stage 2."""
+    """135 mm behind the first one it passes where that is carried away, in stage 2."""
     with pytest.raises(InfeasibleError) as refused:
-        plan_without_bound(on_belt(job_of, 2.0), replace(QUICK, blend="none"))
+        plan_without_bound(on_belt(job_of, 1.9), replace(QUICK, blend="none"))
     assert "task 'second': left cube and cube of second lack" in str(refused.value)
     assert " s into stage 2" in str(refused.value)
 

@@ -135,6 +135,7 @@ def heavy_job(tmp_path):
     return write
 
 
+@pytest.mark.full_effort
 def test_heavy_tools_cost_little_time(heavy_job) -> None:
     """Beyond its efforts without a limit; within them with it, for at most 2 % of the time, and verified."""
     free, limited = (plan(heavy_job(rule), effort="quick") for rule in ("checked", "limited"))
