@@ -20,7 +20,8 @@ from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.files.tasks.curves import CurveReader
 from dualarm_cli.files.tasks.expansion import expand_tasks
 from dualarm_cli.files.tasks.schema_tasks import TaskSection, TasksFile, read_budget
-from dualarm_cli.files.tasks.task_reader import Schemas, TargetReader, TaskReader, schemas_of
+from dualarm_cli.files.tasks.target_reader import TargetReader
+from dualarm_cli.files.tasks.task_reader import Schemas, TaskReader, schemas_of
 from dualarm_cli.files.tasks.task_rules import (
     check_settings,
     check_skew,
