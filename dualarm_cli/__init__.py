@@ -32,12 +32,14 @@ if TYPE_CHECKING:
     from dualarm_cli.model.schedule import Event, JointSamples, Schedule
     from dualarm_cli.model.verification import Check, Verification
     from dualarm_cli.report.comparisons import (
+        PerturbationReport,
         ReachReport,
         ScheduleComparison,
         SolverComparison,
         StudyReport,
     )
     from dualarm_cli.report.document import Report
+    from dualarm_cli.studies.perturbation import perturb
     from dualarm_cli.studies.sweep import sweep
 
 __version__ = "0.1.0"
@@ -55,6 +57,7 @@ __all__ = [
     "JointSamples",
     "MissingDependencyError",
     "OutputError",
+    "PerturbationReport",
     "Plan",
     "ReachReport",
     "Report",
@@ -71,6 +74,7 @@ __all__ = [
     "export",
     "inverse_kinematics",
     "load",
+    "perturb",
     "plan",
     "plan_many",
     "reach",
@@ -87,7 +91,13 @@ _ERRORS = (
     "MissingDependencyError",
     "OutputError",
 )
-_DOCUMENTS = ("ReachReport", "ScheduleComparison", "SolverComparison", "StudyReport")
+_DOCUMENTS = (
+    "PerturbationReport",
+    "ReachReport",
+    "ScheduleComparison",
+    "SolverComparison",
+    "StudyReport",
+)
 _HOMES = {
     **dict.fromkeys((*_ERRORS, "UsageError", "explain"), "dualarm_cli.errors"),
     "Explanation": "dualarm_cli.explanations",
@@ -103,6 +113,7 @@ _HOMES = {
     **dict.fromkeys(("Check", "Verification"), "dualarm_cli.model.verification"),
     "Report": "dualarm_cli.report.document",
     **dict.fromkeys(_DOCUMENTS, "dualarm_cli.report.comparisons"),
+    "perturb": "dualarm_cli.studies.perturbation",
     "sweep": "dualarm_cli.studies.sweep",
 }
 """Modules of the public names, imported at first use because libraries load slowly."""

@@ -66,13 +66,14 @@ PUBLIC = {
     "plan_many": "jobs processes progress options",
     "reach": "robot height tilt step handover",
     "read_schedule": "path",
+    "perturb": "tasks draws seed effort processes cache",
     "sweep": "study budget seed processes cache progress",
     "verify": "schedule job clearance",
 }
 """Public functions and their parameters: what is changed here is changed for users."""
 CLASSES = (
     "Check Diagnostic DualArmError Event Explanation Export InfeasibleError InputError Job JointSamples "
-    "MissingDependencyError OutputError Plan ReachReport Report Schedule ScheduleComparison "
+    "MissingDependencyError OutputError PerturbationReport Plan ReachReport Report Schedule ScheduleComparison "
     "SolverComparison StudyReport UsageError Verification"
 )
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dualarm_cli.cli.parts.evaluating import evaluators, open_store, progress_bar, say_unkept
-from dualarm_cli.cli.parts.options import read_duration
+from dualarm_cli.cli.parts.options import Effort, read_duration
 from dualarm_cli.cli.parts.output import (
     JsonOption,
     ResultOnlyOption,
@@ -33,6 +33,9 @@ from dualarm_cli.errors import OutputError, UsageError
 from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
+    from dualarm_cli.evaluation.answers import Run
+    from dualarm_cli.evaluation.request import Request
+    from dualarm_cli.evaluation.store import Store
     from dualarm_cli.model.study import Point, Study
     from dualarm_cli.studies.rows import StudyRow
     from dualarm_cli.studies.search import Desk, Progress
@@ -93,19 +96,39 @@ def refuse_inputs(out: str | None, csv: Path | None, inputs: Iterable[str]) -> N
             raise UsageError(f"{what} is an input of the study; name another file")
 
 
-def write_results(document: dict[str, Any], out: str | None, csv: Path | None, quiet: bool) -> None:
-    """Write the requested files, and report it unless quiet."""
-    from dualarm_cli.errors import MissingDependencyError
+def write_results(
+    document: dict[str, Any], table: bytes, out: str | None, csv: Path | None, quiet: bool
+) -> None:
+    """Write the requested files, and report it unless quiet.
+
+    Args:
+        document: of a study, or of draws.
+        table: its rows as CSV.
+        out: folder, or None.
+        csv: file of the table alone, or None.
+        quiet: whether to say nothing.
+    """
     from dualarm_cli.exporting.whole_files import write_file
-    from dualarm_cli.report.comparison.study_table import study_csv
-    from dualarm_cli.report.figures.study_figure import draw_pareto, draw_sensitivity
 
     if csv is not None:
-        write_file(csv, study_csv(document), force=True)
+        write_file(csv, table, force=True)
         _say(f"written: {csv}", quiet)
     if out is None:
         return
-    files = {TABLE: study_csv(document)}
+    files = {TABLE: table} | (_figures(document, quiet) if "objectives" in document else {})
+    for name in {PARETO, EFFECTS} - set(files):
+        # A figure of an earlier study would contradict this one.
+        (Path(out) / name).unlink(missing_ok=True)
+    write_folder(out, files | {DOCUMENT: json_bytes(document)})
+    _say(f"written: {out}", quiet)
+
+
+def _figures(document: dict[str, Any], quiet: bool) -> dict[str, bytes]:
+    """Draw the figures of a study, and report missing ones unless quiet."""
+    from dualarm_cli.errors import MissingDependencyError
+    from dualarm_cli.report.figures.study_figure import draw_pareto, draw_sensitivity
+
+    files: dict[str, bytes] = {}
     try:
         if not document["counts"]["planned"]:
             _say(f"{PARETO} and {EFFECTS} are not drawn: no point has a plan", quiet)
@@ -117,11 +140,7 @@ def write_results(document: dict[str, Any], out: str | None, csv: Path | None, q
                 _say(f"{PARETO} is not drawn: it needs two objectives", quiet)
     except MissingDependencyError as error:
         _say(f"{PARETO} and {EFFECTS} are not drawn: {error}", quiet)
-    for name in {PARETO, EFFECTS} - set(files):
-        # A figure of an earlier study would contradict this one.
-        (Path(out) / name).unlink(missing_ok=True)
-    write_folder(out, files | {DOCUMENT: json_bytes(document)})
-    _say(f"written: {out}", quiet)
+    return files
 
 
 def _say(text: str, quiet: bool) -> None:
@@ -137,7 +156,11 @@ DEFAULT_BEST = 10
 
 def sweep_command(
     study: Annotated[
-        Path, typer.Argument(help="Study file (study/1), or the name of a bundled job with one.")
+        Path,
+        typer.Argument(
+            help="Study file (study/1), or the name of a bundled job with one; with --perturb a task file, or the name "
+            "of any bundled job."
+        ),
     ],
     optimise: Annotated[
         bool,
@@ -158,7 +181,27 @@ def sweep_command(
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of --optimise.", show_default="0"),
+        typer.Option(
+            "--seed",
+            min=0,
+            max=2**32 - 1,
+            help="Seed of --optimise and --perturb.",
+            show_default="0",
+        ),
+    ] = None,
+    perturb: Annotated[
+        int | None,
+        typer.Option(
+            "--perturb",
+            min=1,
+            max=100_000,
+            metavar="N",
+            help="Plan N draws of what varies in a task file: poses with `varies` and times of dwells.",
+        ),
+    ] = None,
+    effort: Annotated[
+        Effort | None,
+        typer.Option("--effort", help="Effort of the plans of --perturb.", show_default="normal"),
     ] = None,
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
@@ -190,19 +233,25 @@ def sweep_command(
 ) -> None:
     """Plan a cell's tasks over ranges of its parameters: best layouts, trade-offs, sensitivities.
 
+    With --perturb it plans draws of one job, and shows the distribution of its cycle time.
+
     Finished plans are cached: an interrupted run continues. Points without a plan do not stop
     others. Exit code 4 after an internal error, 2 after a bad input, 3 if no point has a plan, 1 if the
     verifier fails a plan.
     """
+    from dualarm_cli.evaluation.request import Request
     from dualarm_cli.files.source.text_source import recorded_reads
     from dualarm_cli.files.studies.studies import load_study
+    from dualarm_cli.report.comparison.study_table import study_csv
     from dualarm_cli.report.printable import printable
     from dualarm_cli.studies.document import study_document
     from dualarm_cli.studies.requests import check_settings
     from dualarm_cli.studies.search import Desk
     from dualarm_cli.studies.sweep import points_of
 
-    most = _search_budget(optimise, budget, seed)
+    if perturb is not None:
+        _refuse_beside_perturb(optimise, budget, pages)
+    most = _search_budget(optimise, budget, None if perturb else seed)
     limit = read_duration("--timeout", timeout)
     refuse_combinations(
         jobs=jobs,
@@ -213,6 +262,15 @@ def sweep_command(
     if best is not None and pages is None:
         raise UsageError(f"--best {best}: goes with --pages DIR only")
     refuse_results(out, csv, force)
+    store = open_store(cache, no_cache)
+    if perturb is not None:
+        base = Request.of(study, effort=effort or "normal", draw_seed=seed or 0)
+        with evaluators(jobs, scheduler, limit) as run:
+            document = _draws(base, perturb, run, store, (out, csv, quiet))
+        _finish(document, store, json_output, quiet)
+        return
+    if effort is not None:
+        raise UsageError(f"--effort {effort}: goes with --perturb only; studies have `settings`")
     refuse_pages(pages, force)
     with recorded_reads() as read:
         loaded = load_study(study)
@@ -221,26 +279,81 @@ def sweep_command(
     if most is not None and loaded.sampling is not None and not quiet:
         print_message("note: with --optimise the study's `sample:` is not used")
     points, method = points_of(loaded, most, seed or 0)
-    store = open_store(cache, no_cache)
     with evaluators(jobs, scheduler, limit) as run:
         desk = Desk(run, store)
         rows, reference = _carry_out(loaded, points, method, desk, quiet)
-        document: dict[str, Any] = printable(study_document(loaded, rows, reference, method))
-        write_results(document, out, csv, quiet)
+        document = printable(study_document(loaded, rows, reference, method))
+        write_results(document, study_csv(document), out, csv, quiet)
         if pages is not None:
             shown = [reference, *_best_rows(document, rows, best or DEFAULT_BEST)]
             _write_pages(document, loaded, shown, desk, pages, quiet)
+    _finish(document, store, json_output, quiet)
+
+
+def _finish(document: dict[str, Any], store: Store | None, json_output: bool, quiet: bool) -> None:
+    """Print the result, and leave with its exit code."""
+    from dualarm_cli.report.comparison.perturbation_table import (
+        perturbation_sentences,
+        result_sentence,
+    )
+    from dualarm_cli.report.comparison.study_table import result_line
+
     say_unkept(store)
+    of_study = "objectives" in document
     if json_output:
         print_json(document)
     elif quiet:
-        from dualarm_cli.report.comparison.study_table import result_line
-
-        print_lines(stdout_console(), result_line(document))
-    else:
+        print_lines(stdout_console(), (result_line if of_study else result_sentence)(document))
+    elif of_study:
         _print(document)
+    else:
+        print_lines(stdout_console(), *perturbation_sentences(document))
     if code := exit_code(document):
         raise typer.Exit(code)
+
+
+def _refuse_beside_perturb(optimise: bool, budget: int | None, pages: Path | None) -> None:
+    """Raise for options of studies; --perturb plans one job."""
+    for option, given in (("--optimise", optimise), ("--budget", budget), ("--pages", pages)):
+        if given:
+            raise UsageError(f"{option} does not go with --perturb, which plans one job; keep one")
+
+
+def _draws(
+    base: Request,
+    draws: int,
+    run: Run,
+    store: Store | None,
+    results: tuple[str | None, Path | None, bool],
+) -> dict[str, Any]:
+    """Plan draws of a job, write the requested files, and return the document.
+
+    Args:
+        base: request of the job.
+        draws: number of draws.
+        run: runner of requests that the store lacks.
+        store: store of earlier plans, or None.
+        results: folder and CSV file or None, and whether to say nothing.
+    """
+    from dualarm_cli.files.source.text_source import recorded_reads
+    from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.report.comparison.perturbation_table import perturbation_csv
+    from dualarm_cli.report.printable import printable
+    from dualarm_cli.studies.perturbation import perturbation
+
+    out, csv, quiet = results
+    with recorded_reads() as read:
+        job = load_job(base.path, base.case)
+    refuse_inputs(out, csv, read)
+    with progress_bar("planning", draws + 1, quiet) as show:
+
+        def tell(done: int, cached: int) -> None:
+            if show is not None:
+                show(done, f"{cached} cached" if cached else "")
+
+        document: dict[str, Any] = printable(perturbation(base, job, draws, run, store, tell))
+    write_results(document, perturbation_csv(document), out, csv, quiet)
+    return document
 
 
 def _search_budget(optimise: bool, budget: int | None, seed: int | None) -> int | None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from dualarm_cli.errors import DualArmError, InfeasibleError, InputError, lacks_memory
+from dualarm_cli.evaluation.draws import drawn_job
 from dualarm_cli.evaluation.fingerprint import names_of
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.files.source.text_source import recorded_reads
@@ -15,17 +16,21 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import Plan, planned
 from dualarm_cli.model.evaluation import Evaluation, Finding
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.page.packed import packed_document
 from dualarm_cli.page.page_data import page_data
 from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.refusals import message
+from dualarm_cli.report.comparison.schedule_comparison import Version
 from dualarm_cli.report.measures import joint_travel, limiting_times
 from dualarm_cli.report.report import relative_gap, smallest_clearance
+from dualarm_cli.report.stage_parts import stage_parts
 from dualarm_cli.report.torques import has_torques, largest_share
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification.budget_checks import judge_budget
+from dualarm_cli.verification.varied_cycle import varied_cycle
 
 MAX_FINDINGS = 20
 """Maximum number of reported findings per case."""
@@ -75,7 +80,24 @@ def settings_of(request: Request) -> PlanSettings:
 
 def _evaluated(request: Request) -> Evaluation:
     job = load_job(request.path, request.case, request.overrides)
-    return evaluation_of(request.case, planned(job, settings_of(request)), request.page)
+    if request.draw:
+        job = drawn_job(job, request.draw_seed, request.draw)
+    plan = planned(job, settings_of(request))
+    evaluation = evaluation_of(request.case, plan, request.page)
+    if request.draw is None or evaluation.cycle_time is None:
+        return evaluation
+    varied = varied_cycle(plan.schedule, job)
+    stated = {} if varied is None else {"95%": varied.percentile_95, "worst": varied.worst}
+    return replace(evaluation, stages=_stage_times(plan.schedule), stated=stated)
+
+
+def _stage_times(schedule: Schedule) -> dict[str, float]:
+    """Collect the length of each stage by its work [s]; the return has an empty name."""
+    stages = [Version(schedule, parts) for parts in stage_parts(schedule)]
+    return {
+        ", ".join(f"{task} {action}" for task, action in sorted(stage.work)): stage.duration
+        for stage in stages
+    }
 
 
 def evaluation_of(case: str, plan: Plan, page: bool = False) -> Evaluation:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, field, fields
+from dataclasses import asdict, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,10 @@ class Request:
     """Seed of all randomness."""
     overrides: Mapping[str, Any] = field(default_factory=dict)
     """JSON-ready replacements of file values, by `tasks:`, `cell:` or `robot:` and JSON pointer."""
+    draw: int | None = None
+    """Number of a draw of what varies, from 1; 0 for the nominal job of draws."""
+    draw_seed: int = 0
+    """Seed of all draws."""
     page: bool = False
     """Flag to include the data of the plan's page."""
 
@@ -53,6 +57,10 @@ class Request:
         """
         path = tasks if os.path.lexists(tasks) else bundled_tasks().get(str(tasks), tasks)
         return cls(case_name(case or tasks), os.path.abspath(path), **chosen)  # noqa: PTH100
+
+    def drawn(self, number: int) -> Request:
+        """Ask for a draw of what varies, or for the nominal job (0)."""
+        return replace(self, draw=number)
 
     @property
     def folder(self) -> str:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pinocchio as pin
 
-from dualarm_cli.model.part_flow import Conveyor, Grasp, Pattern, part_as_held
+from dualarm_cli.model.part_flow import Conveyor, Grasp, Pattern, PoseRange, part_as_held
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
@@ -128,6 +128,8 @@ class Cell:
     """Rule for joint torques."""
     patterns: Mapping[str, Pattern] = field(default_factory=dict)
     """Places of parts in frames, by frame."""
+    varying: Mapping[str, tuple[PoseRange, ...]] = field(default_factory=dict)
+    """Ranges of frames that vary, each with those of the frames that it is in."""
 
     def tool_names(self, arm: str) -> tuple[str, ...]:
         """List the names of the tools that an arm may have on.

@@ -90,6 +90,10 @@ class Evaluation:
 
     Keys are paths relative to the task file's folder.
     """
+    stages: Mapping[str, float] = field(default_factory=dict)
+    """Length [s] of each stage by its work; of draws alone."""
+    stated: Mapping[str, float] = field(default_factory=dict)
+    """Cycle time [s] that the report states for dwells that vary; of draws alone."""
     page: str = ""
     """Packed data of the plan's page; empty if not requested or without a plan."""
 
@@ -101,7 +105,8 @@ class Evaluation:
     def as_document(self) -> dict[str, Any]:
         """Convert to JSON-ready data; `of_document` is the inverse."""
         document = asdict(self)
-        document["limiting"] = dict(self.limiting)
+        for name in ("limiting", "stages", "stated"):
+            document[name] = dict(getattr(self, name))
         document["limits"] = {joint: dict(limits) for joint, limits in self.limits.items()}
         document["inputs"] = dict(self.inputs)
         document["sliding"], document["caveats"] = list(self.sliding), list(self.caveats)
@@ -131,7 +136,8 @@ class Evaluation:
         if type(document["closes"]) is not bool:
             raise ValueError("closes must be true or false")
         values = dict(document)
-        values["limiting"] = _numbers(document["limiting"], "limiting")
+        for name in ("limiting", "stages", "stated"):
+            values[name] = _numbers(document[name], name)
         limits = _mapping(document["limits"], "limits")
         values["limits"] = {joint: _numbers(entry, joint) for joint, entry in limits.items()}
         inputs = _mapping(document["inputs"], "inputs")

@@ -14,7 +14,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.budget import Budget, TimeRange
 from dualarm_cli.model.cell import Cell, Held
-from dualarm_cli.model.part_flow import Buffer, Grasp, Handover, OnBelt
+from dualarm_cli.model.part_flow import Buffer, Grasp, Handover, OnBelt, PoseRange
 from dualarm_cli.model.place import NOWHERE, Place, tasks_name
 from dualarm_cli.model.process_work import PathWork, SeamWork
 from dualarm_cli.model.robot import JointLimits, Robot
@@ -135,6 +135,8 @@ class Stop:
     """Largest tool distance from a target passed in motion [m], 0 for stops."""
     varying: tuple[TimeRange, ...] = ()
     """Parts of the dwell whose time varies."""
+    ranges: tuple[PoseRange, ...] = ()
+    """Ranges of the target's pose, its own first, then those of its frames."""
 
     @property
     def moves(self) -> bool:

@@ -1,11 +1,12 @@
-"""Flow of parts: patterns of places, conveyors with their targets, buffers, hand-overs."""
+"""Flow of parts: patterns of places, poses that vary, conveyors, buffers, hand-overs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
+import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
@@ -56,6 +57,34 @@ class Pattern:
             and abs(pose.translation[0] - x) < (1.0 - 1e-9) * self.pitch[0]
             and abs(pose.translation[1] - y) < (1.0 - 1e-9) * self.pitch[1]
         ]
+
+
+@dataclass(frozen=True)
+class PoseRange:
+    """Pose that varies evenly about its place, such as of a part in a tray."""
+
+    of: str
+    """Name of what varies; ranges with the same name vary together."""
+    centre: pin.SE3
+    """Pose in the world along and about whose axes the pose varies."""
+    xy: float
+    """Largest deviation along x, and along y [m]."""
+    z: float
+    """Largest deviation along z [m]."""
+    yaw: float
+    """Largest turn about z [rad]."""
+
+    def moved(self, pose: pin.SE3, shares: Sequence[float]) -> pin.SE3:
+        """Move a pose by shares of the range.
+
+        Args:
+            pose: in the world.
+            shares: of x, y, z and yaw, each from -1 to 1.
+        """
+        x, y, z, yaw = shares
+        turn = pin.rpy.rpyToMatrix(0.0, 0.0, yaw * self.yaw)
+        shift = pin.SE3(turn, np.array([x * self.xy, y * self.xy, z * self.z]))
+        return self.centre * shift * self.centre.inverse() * pose
 
 
 @dataclass(frozen=True)

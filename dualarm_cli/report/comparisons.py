@@ -1,6 +1,6 @@
 # ruff: noqa: E501 (tables, one row a line)
 # fmt: off
-"""Members of the documents of `compare`, `compare_solvers`, `reach` and `sweep`: type, unit and meaning.
+"""Members of the documents of `compare`, `compare_solvers`, `reach`, `sweep` and `perturb`: type, unit and meaning.
 
 `Annotated` holds unit and meaning, as in `document.py`.
 """
@@ -332,4 +332,51 @@ class StudyReport(TypedDict):
     rows: list[StudyPoint]
     failures: list[StudyFailure]
     sensitivity: list[StudySensitivities]
+    inputs: dict[Name, Annotated[str, "", "SHA-256 of each input file."]]
+
+
+class Distribution(TypedDict):
+    """Distribution of times over draws."""
+
+    least: Annotated[float, "s", "Shortest time."]
+    median: Annotated[float, "s", "Time that half of the draws do not exceed."]
+    percentile_95: Annotated[float, "s", "Time that 95 % of the draws do not exceed."]
+    worst: Annotated[float, "s", "Longest time."]
+
+
+class ReactingStage(TypedDict):
+    """Stage of draws, by its work."""
+
+    work: Annotated[str, "", "Tasks and actions; empty for the return."]
+    nominal: Annotated[float | None, "s", "Length in the nominal plan; none if it lacks the stage."]
+    share: Annotated[float | None, "", "Covariance with the cycle time as a share of its variance."]
+    time: Distribution
+
+
+class DrawRow(TypedDict):
+    """Plan of a draw."""
+
+    draw: Annotated[int, "", "Number of the draw, from 1."]
+    status: Annotated[Status, "", "planned, or why there is no verified plan."]
+    cycle_time: Annotated[float | None, "s", "Cycle time."]
+    clearance: Annotated[float | None, "m", "Least clearance."]
+    stages: dict[Name, Annotated[float, "s", "Length of each stage by its work."]]
+    reasons: Annotated[list[str], "", "Why there is no plan."]
+
+
+class PerturbationReport(TypedDict):
+    """Document of `sweep --perturb`: plans of drawn poses and dwells [SI units]."""
+
+    format: Annotated[str, "", "`dualarm.perturbation/1`."]
+    version: Annotated[str, "", "Version of dualarm."]
+    tasks: Annotated[str, "", "Task file."]
+    settings: dict[Name, Annotated[Level, "", "Effort of the plans, and seed of the draws."]]
+    varying: dict[Name, Annotated[int, "", "Number of targets, frames and dwells that vary."]]
+    counts: dict[Name, Annotated[int, "", "Number of draws, of those with a plan, and by other status."]]
+    nominal: Annotated[float | None, "s", "Cycle time of the plan without deviations."]
+    stated: dict[Name, Annotated[float, "s", "`95%` and `worst` cycle that its report states, by dwells alone; empty if none varies."]]
+    cycle_time: Distribution | None
+    stages: list[ReactingStage]
+    failures: list[StudyFailure]
+    rows: list[DrawRow]
     inputs: dict[Name, Annotated[str, "", "SHA-256 of each input file."]]

@@ -28,6 +28,7 @@ _VERSIONS = {
     "comparison": "dualarm.comparison/1",
     "reach": "dualarm.reach/1",
     "sweep": "dualarm.sweep/1",
+    "perturbation": "dualarm.perturbation/1",
 }
 """Format version of each kind of file."""
 _REQUIRED = (

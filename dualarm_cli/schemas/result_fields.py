@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints, is_typeddict
 
 from dualarm_cli.report.comparisons import (
+    PerturbationReport,
     ReachReport,
     ScheduleComparison,
     SolverComparison,
@@ -186,5 +187,6 @@ RESULTS: Mapping[str, tuple[str, type]] = {
     "comparison": ("What `dualarm compare solvers --json` prints.", SolverComparison),
     "reach": ("What `dualarm robot reach --json` prints.", ReachReport),
     "sweep": ("What `dualarm sweep --json` prints.", StudyReport),
+    "perturbation": ("What `dualarm sweep --perturb --json` prints.", PerturbationReport),
 }
 """Description and members of each kind of result."""

@@ -79,7 +79,7 @@ def study_document(
         "reference": {"status": reference.status, **_figures(reference)},
         "rows": [_row(study, row, ranking, place) for place, row in enumerate(ranking.rows, 1)]
         + [_row(study, row, ranking, None) | {"reasons": reasons[row.number]} for row in failed],
-        "failures": _failures(failed, reasons),
+        "failures": failure_groups(failed, reasons),
         "sensitivity": [
             _sensitivity(study, objective, ranking.rows, sampled) for objective in study.objectives
         ],
@@ -171,10 +171,10 @@ def _reasons(study: Study, row: StudyRow) -> list[str]:
     ]
 
 
-def _failures(
+def failure_groups(
     failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]
 ) -> list[members.StudyFailure]:
-    """Group failed rows by status and first line; numbers in the line may differ."""
+    """Group failed rows by status and first line of their `reasons`; numbers may differ."""
     groups: dict[tuple[Status, str], list[StudyRow]] = {}
     for row in failed:
         first = reasons[row.number][0] if reasons[row.number] else ""

@@ -14,7 +14,7 @@ from pydantic import create_model
 
 from dualarm_cli.files.calibration.points import Base, read_base
 from dualarm_cli.files.cells.cell_frames import frame_pose, world_frames
-from dualarm_cli.files.cells.grids import patterns_of
+from dualarm_cli.files.cells.grids import patterns_of, pose_ranges
 from dualarm_cli.files.cells.schema_cell import (
     CellFile,
     PairMemberSection,
@@ -207,6 +207,7 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
         torque=model.torque,
         patterns=patterns_of(model.frames),
         grasps=grasps,
+        varying=pose_ranges(model.frames, frames),
         **{name: value for addition in added for name, value in addition.fields.items()},
     )
     for part, by_name in grasps.items():

@@ -9,9 +9,18 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from dualarm_cli.files.source.fields import Angle, FramedPose, Length, Section, Size, refuse
+from dualarm_cli.files.source.fields import (
+    Angle,
+    FramedPose,
+    Length,
+    Section,
+    Size,
+    VariesSection,
+    refuse,
+)
+from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.geometry.products import product
-from dualarm_cli.model.part_flow import Pattern, PlaceIndex, PlaceOrder
+from dualarm_cli.model.part_flow import Pattern, PlaceIndex, PlaceOrder, PoseRange
 
 MOST_PLACES = 10_000
 """Maximum number of places of a grid, and of tasks that a file is expanded to."""
@@ -73,11 +82,36 @@ class FrameSection(FramedPose):
         default=None,
         description="Places in the frame; tasks with `each` are repeated for each of them.",
     )
+    varies: Annotated[VariesSection, ShortForm("xy")] | None = Field(
+        default=None,
+        description="Deviations of the frame with all targets in it [m], as of a tray that is put down by hand; "
+        "`dualarm sweep --perturb` draws them.",
+    )
 
 
 def patterns_of(sections: Mapping[str, FrameSection]) -> dict[str, Pattern]:
     """Lay out the places of all frames with a grid, by frame."""
     return {name: pattern_of(s.grid) for name, s in sections.items() if s.grid is not None}
+
+
+def pose_ranges(
+    sections: Mapping[str, FrameSection], frames: Mapping[str, pin.SE3]
+) -> dict[str, tuple[PoseRange, ...]]:
+    """List the ranges of varying frames, with those of their parents.
+
+    Args:
+        sections: frames as the file has them, without cycles.
+        frames: their poses in the world.
+    """
+
+    def ranges(name: str) -> tuple[PoseRange, ...]:
+        section = sections.get(name)
+        if section is None:
+            return ()
+        inner = (section.varies.about(f"frame {name}", frames[name]),) if section.varies else ()
+        return (*inner, *ranges(section.in_ or ""))
+
+    return {name: listed for name in sections if (listed := ranges(name))}
 
 
 def pattern_of(grid: GridSection) -> Pattern:

@@ -27,6 +27,7 @@ from pydantic_core import PydanticCustomError, core_schema
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.quantities import Dimension, QuantityError, parse_quantity
 from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.model.part_flow import PoseRange
 from dualarm_cli.records import dataclass
 
 MAX_NAME_LENGTH = 120
@@ -196,6 +197,26 @@ class FramedPose(Pose):
     in_: Name | None = Field(
         default=None, alias="in", description="Named reference frame; default: world."
     )
+
+
+class VariesSection(Section):
+    """Deviations of a pose, evenly distributed, along and about the axes of its frame."""
+
+    xy: Clearance = Field(default=0.0, description="Largest deviation along x, and along y [m].")
+    z: Clearance = Field(default=0.0, description="Largest deviation along z [m].")
+    yaw: Annotated[float, Quantity(quantities.ANGLE, 0.0, math.pi)] = Field(
+        default=0.0, description="Largest turn about z [rad]."
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> VariesSection:
+        if not (self.xy or self.z or self.yaw):
+            raise refuse("no deviation; give xy, z or yaw above 0, or remove 'varies'")
+        return self
+
+    def about(self, of: str, centre: pin.SE3) -> PoseRange:
+        """Build the range of a pose about a centre in the world."""
+        return PoseRange(of, centre, self.xy, self.z, self.yaw)
 
 
 def to_se3(pose: Pose) -> pin.SE3:

@@ -24,10 +24,12 @@ class ShortForm:
 
     key: str
     """The key."""
+    of: tuple[type, ...] = (int, float, str)
+    """Types of values that are expanded."""
 
     def read(self, value: object) -> object:
         """Expand the value to a mapping."""
-        return {self.key: value} if isinstance(value, int | float | str) else value
+        return {self.key: value} if isinstance(value, self.of) else value
 
     def __get_pydantic_core_schema__(
         self, source: type[Any], handler: GetCoreSchemaHandler

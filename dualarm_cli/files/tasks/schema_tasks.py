@@ -30,6 +30,7 @@ from dualarm_cli.files.source.fields import (
     StraightLine,
     StraightPart,
     Symmetry,
+    VariesSection,
     Vector3,
     quantity_schema,
     refuse,
@@ -159,7 +160,7 @@ class DwellSection(Section):
         return self.gripper, self.settle, self.handshake
 
 
-Dwell = Annotated[DwellSection, ShortForm("gripper")]
+Dwell = Annotated[DwellSection, ShortForm("gripper", (int, float, str, list))]
 
 
 Range = Annotated[
@@ -216,6 +217,11 @@ class TargetSection(FramedPose):
         default=None,
         description="Number of equivalent rotations about the tool's z axis in a full turn.",
     )
+    varies: Annotated[VariesSection, ShortForm("xy")] | None = Field(
+        default=None,
+        description="Deviations of the pose along and about the axes of its frame [m], as of a part in its place; "
+        "`dualarm sweep --perturb` draws them, plans have the pose itself.",
+    )
     joints: Annotated[list[PositionOrRow], Field(min_length=1, max_length=1000)] | None = Field(
         default=None,
         description="Joint positions [rad] of one configuration, or a list of alternatives, instead of a pose.",
@@ -234,7 +240,7 @@ class TargetSection(FramedPose):
     @model_validator(mode="after")
     def _pose_or_joints(self) -> TargetSection:
         if self.by_joints is not None:
-            others = ("xyz", "rpy", "quat", "in", "at", "free", "symmetry", "posture")
+            others = ("xyz", "rpy", "quat", "in", "at", "free", "symmetry", "varies", "posture")
             for key in others if self.by_joints == "joints" else others[:-1]:
                 if getattr(self, "in_" if key == "in" else key) is not None:
                     raise refuse(f"'{key}' does not go with '{self.by_joints}'; keep one", key)

@@ -18,6 +18,7 @@ from dualarm_cli.files.tasks.schema_tasks import TargetSection
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import JointTarget, PoseTarget, Target
+from dualarm_cli.model.part_flow import PoseRange
 from dualarm_cli.model.robot import Robot
 
 
@@ -57,6 +58,23 @@ class TargetReader:
         if pose is None:
             return None
         return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
+
+    def ranges(self, section: TargetSection, target: Target, of: str) -> tuple[PoseRange, ...]:
+        """List the ranges of a target's pose, its own first; joint positions have none.
+
+        Args:
+            section: the target as the file has it.
+            target: the same in the world.
+            of: name of its own range.
+        """
+        if not isinstance(target, PoseTarget):
+            return ()
+        frame = section.at or section.in_ or ""
+        alone: tuple[PoseRange, ...] = ()
+        if section.varies is not None:
+            axes = self._frames.get(frame, pin.SE3.Identity()).rotation
+            alone = (section.varies.about(of, pin.SE3(axes, target.pose.translation)),)
+        return (*alone, *self.cell.varying.get(frame, ()))
 
     def _of_posture(self, name: str, arm: str) -> FloatArray:
         """Look up an arm's joint positions in a named posture [rad], shape (1, n)."""

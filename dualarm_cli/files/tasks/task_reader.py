@@ -354,7 +354,9 @@ class TaskReader:
                 continue
             around, varying = self._surroundings(section, action == "move")
             straight = section.straight if section.straight is not None else self.defaults.straight
-            stop = Stop(action, target, *around, self.place(place), varying=varying)
+            ranges = self.targets.ranges(target_section, target, f"{section.id} {action}")
+            where = self.place(place)
+            stop = Stop(action, target, *around, where, varying=varying, ranges=ranges)
             if straight is not None:
                 stop = replace(stop, straight=straight)
             blend = section.blend if section.blend is not None else self.defaults.blend
