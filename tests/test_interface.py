@@ -398,6 +398,10 @@ def test_changes_are_checked_like_files_and_plans_differ(found: Plan) -> None:
         progress=said.append,
     )
     assert moved.verified and said[-1] == "verifying"
+    steps = [text.rpartition("step ")[2] for text in said if ", step " in text]
+    count = int(steps[0].split(" of ")[1])
+    each = [f"{step + 1} of {count}" for step in range(count)]
+    assert steps == each * (len(steps) // count)
     document = compare(found, moved, ("before", "after"))
     assert document["difference"] == moved.cycle_time - found.cycle_time != 0.0
     with pytest.raises(InputError) as error:

@@ -151,6 +151,8 @@ def refined_plan(problem: MethodProblem, plan: ClearedPlan, timing: TimingSolver
         return plan
     model, job, kept, best = problem.model, problem.job, set[int](), plan
     for attempt in range(problem.settings.search.refinements):
+        of_all = f"{attempt + 1} of {problem.settings.search.refinements}"
+        problem.progress(f"refining the plan, attempt {of_all}")
         before = best.stopping or best.cleared
         stages = refine(before.plans, plan.holding, kept, attempt)
         try:

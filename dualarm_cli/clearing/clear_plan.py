@@ -48,7 +48,6 @@ def quickest_clear(
     problem: MethodProblem,
     solve: Callable[[MethodProblem], Decided],
     timing: TimingSolver,
-    progress: Callable[[str], None],
     *,
     check_collisions: bool = True,
     alone: str | None = None,
@@ -62,7 +61,6 @@ def quickest_clear(
         problem: problem that the method solves.
         solve: the method.
         timing: solver that times motions.
-        progress: receives a message at the beginning of each step.
         check_collisions: whether collisions are checked.
         alone: the only arm that is checked, ignoring the other arm; None for all arms.
 
@@ -75,17 +73,17 @@ def quickest_clear(
         holding = Holding.of(problem.job, alone=alone)
         if faults := grip_faults(problem.job):
             raise InfeasibleError(*faults)
-    loop = ClearanceLoop(problem, solve, timing, progress, holding)
+    loop = ClearanceLoop(problem, solve, timing, holding)
     if not problem.blends:
         return refined_plan(problem, loop.run(), timing)
 
     def chosen_for_stops() -> ClearedPlan:
         plan = replace(loop, problem=replace(problem, blending=STOPPING)).run()
-        progress("blending lines and transfers")
+        problem.progress("blending lines and transfers")
         return plan
 
     stopping = replace(loop, solve=with_room(problem, solve)).run()
-    progress("blending lines and transfers")
+    problem.progress("blending lines and transfers")
     blended = shortest_blended(problem, stopping, timing)
     plan = blended.cleared
     if (plan.motion.gain or 0.0) > problem.settings.clearing.sufficient_gain * plan.duration:
@@ -100,7 +98,6 @@ def quickest_for_stops(
     problem: MethodProblem,
     solve: Callable[[MethodProblem], Decided],
     timing: TimingSolver,
-    progress: Callable[[str], None],
     *,
     check_collisions: bool = True,
 ) -> ClearedPlan:
@@ -109,10 +106,10 @@ def quickest_for_stops(
     The parameters are those of `quickest_clear`; blending keeps the final posture.
     """
     stopping = replace(problem, blending=STOPPING)
-    plan = quickest_clear(stopping, solve, timing, progress, check_collisions=check_collisions)
+    plan = quickest_clear(stopping, solve, timing, check_collisions=check_collisions)
     if not problem.blends:
         return plan
-    progress("blending lines and transfers")
+    problem.progress("blending lines and transfers")
     return blended_plan(problem, plan, timing)
 
 
@@ -129,8 +126,6 @@ class ClearanceLoop:
     """The method: proposes stages."""
     timing: TimingSolver
     """Solver that times motions."""
-    progress: Callable[[str], None]
-    """Receiver of a message at the beginning of each step."""
     holding: Holding | None
     """Bodies that must not collide; None disables collision checking."""
     cache: MotionCache = field(default_factory=MotionCache, init=False)
@@ -155,8 +150,11 @@ class ClearanceLoop:
         Raises:
             InfeasibleError: a target is out of reach, or every plan collides.
         """
-        self.unchecked = self.solve(self.problem)
-        self.progress("timing the motion")
+        stages = len(self.problem.job.stages())
+        doing = f"deciding platform angles and postures of {stages} stages"
+        doing = doing if stages else "planning a transfer"
+        self.unchecked = self._decided(self.problem, doing)
+        self.problem.progress("timing the motion")
         self.proposals = self._time(self.unchecked)
         if self.holding is None:
             self.clear = [self._cleared(self.unchecked, plan) for plan in self.proposals]
@@ -168,6 +166,12 @@ class ClearanceLoop:
         if best is None or best.cleared.blocked:
             raise failure or self._explain_blocked()
         return self._with_rivals(self._compare_less_effort(best))
+
+    def _decided(self, problem: MethodProblem, doing: str) -> Decided:
+        """Solve a problem by the method, whose share of the work follows what it does."""
+        progress = self.problem.progress
+        progress(doing)
+        return self.solve(replace(problem, progress=lambda share: progress(f"{doing}, {share}")))
 
     def _with_rivals(self, best: ClearedPlan) -> ClearedPlan:
         """Join the shortest plan with the other collision-free plans that may win when blended.
@@ -238,7 +242,7 @@ class ClearanceLoop:
                 best = _better(best, plan)
             elif not is_slower and is_repairable:
                 count, total = len(colliding_stages), len(plan.plans)
-                self.progress(f"avoiding collisions in {count} of {total} stages")
+                self.problem.progress(f"avoiding collisions in {count} of {total} stages")
                 best = _better(best, self.clearing.repaired(plan, colliding_stages, give_up=True))
         if best is None:
             return None
@@ -261,12 +265,13 @@ class ClearanceLoop:
         for round_ in range(self.settings.rounds_while_blocked):
             if round_ >= self.settings.rounds and self.best and not self.best.cleared.blocked:
                 break
-            self.progress(f"choosing postures again, avoiding collisions (round {round_ + 1})")
+            doing = f"choosing postures again, avoiding collisions (round {round_ + 1})"
             is_cheap = self.best and not self.best.costs_more_than(
                 self.settings.compare_less_effort
             )
             try:
-                decided = self.solve(replace(problem, neighbourhood_only=bool(is_cheap)))
+                near = replace(problem, neighbourhood_only=bool(is_cheap))
+                decided = self._decided(near, doing)
             except InfeasibleError as failure:
                 return decided, failure
             if (following := self._next_problem(problem, decided)) is None:
@@ -373,7 +378,7 @@ class ClearanceLoop:
             or not best.costs_more_than(self.settings.compare_simpler)
         ):
             return best
-        self.progress("comparing with simpler plans")
+        self.problem.progress("comparing with simpler plans")
         plans = self._time(Decided([], alternatives=tuple(decided.simpler())))
         repaired = self._shortest_repaired(plans, best.cleared)
         if repaired.rank < best.cleared.rank:
@@ -392,7 +397,7 @@ class ClearanceLoop:
         less = less_effort(self.problem.effort)
         if less is None or not best.costs_more_than(self.settings.compare_less_effort):
             return best
-        self.progress("comparing with the plan of less effort")
+        self.problem.progress("comparing with the plan of less effort")
         try:
             rival = replace(self, problem=replace(self.problem, effort=less)).run()
         except InfeasibleError:

@@ -64,8 +64,6 @@ class SectionTools:
     """Names of the requested solvers."""
     timing: TimingSolver
     """Timing solver of transfers and lines."""
-    progress: Callable[[str], None]
-    """Receiver of progress messages."""
     check_collisions: bool
     """Whether collisions are checked."""
     done: tuple[Task, ...]
@@ -77,9 +75,8 @@ class SectionTools:
         limits = problem.job.limits
         duration = float(limits.law.duration(goal - start))
         stage = StagePlan(start, goal, goal, {}, "transfer", duration)
-        timing, progress, check = self.timing, self.progress, self.check_collisions
-        decided = Decided([stage])
-        return quickest_clear(problem, lambda _: decided, timing, progress, check_collisions=check)
+        decided, check = Decided([stage]), self.check_collisions
+        return quickest_clear(problem, lambda _: decided, self.timing, check_collisions=check)
 
     def part(self, tasks: tuple[Task, ...], start: FloatArray | None) -> MethodProblem:
         """Restrict the problem to some tasks and a start, None for any start."""

@@ -56,12 +56,18 @@ class StageClearance:
     """Whether both are near links, whose distance few joints of one arm decide."""
 
 
-def nearest(clearances: Iterable[StageClearance]) -> StageClearance | None:
-    """Find the least margin that a cell can change; near links count if nothing else does.
+def counted(clearances: Iterable[StageClearance]) -> list[StageClearance]:
+    """Select the clearances that a cell can change; near links count if nothing else does.
 
     They also count where they miss the required clearance.
     """
-    return min(clearances, key=lambda c: (c.near and c.margin >= 0.0, c.margin), default=None)
+    stages = list(clearances)
+    return [stage for stage in stages if not stage.near or stage.margin < 0.0] or stages
+
+
+def nearest(clearances: Iterable[StageClearance]) -> StageClearance | None:
+    """Find the least margin of all clearances that count (`counted`), or None."""
+    return min(counted(clearances), key=lambda stage: stage.margin, default=None)
 
 
 LONGEST_DELAY = 0.5

@@ -49,13 +49,11 @@ def decided_plan(
         InfeasibleError: every plan collides, or a task finishes too late.
     """
     job = with_needs(job)
-    problem = replace(
-        work.problem, start=start, repair_touching_stops=repair_touching_stops, job=job
-    )
-    watch.report(f"deciding platform angles and postures of {len(job.stages())} stages")
+    problem = replace(work.problem, start=start, job=job, progress=watch.report)
+    problem = replace(problem, repair_touching_stops=repair_touching_stops)
     quickest = next((kind.quickest for kind in work.kinds if kind.quickest), quickest_clear)
     solve, check = work.method.solve, work.check_collisions
-    cleared = quickest(problem, solve, work.timing, watch.report, check_collisions=check)
+    cleared = quickest(problem, solve, work.timing, check_collisions=check)
     stages = cleared.cleared.plans
     motion, reshaped = reshaped_within_torques(problem, cleared.cleared.motion, cleared.holding)
     notes = (

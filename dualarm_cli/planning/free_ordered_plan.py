@@ -43,9 +43,10 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     Raises:
         InfeasibleError: neither is possible.
     """
-    problem, settings, effort = work.problem, work.settings, work.effort
+    problem = replace(work.problem, progress=watch.report)
+    settings, effort = work.settings, work.effort
     check = work.check_collisions
-    planner = FreePlanner(problem, work.method.solve, work.timing, watch.report, check)
+    planner = FreePlanner(problem, work.method.solve, work.timing, check)
     watch.begin()
     watch.report("timing each task at every platform angle")
     order = OrderModel.of(problem.model, problem.job, check_collisions=check)

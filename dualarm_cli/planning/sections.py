@@ -100,10 +100,9 @@ class SectionPlanner(SectionTools):
         """Append a section of stops, with the buffer contents of finished tasks."""
         problem = self.part(section, here)
         problem = self._ordered(replace(problem, job=with_levels_after(problem.job, self.done)))
-        self.progress("deciding platform angles and postures")
         quickest = quickest_for_stops if self.for_stops else quickest_clear
         method, timing, check = self.method, self.timing, self.check_collisions
-        cleared = quickest(problem, method, timing, self.progress, check_collisions=check)
+        cleared = quickest(problem, method, timing, check_collisions=check)
         given = problem, cleared.cleared.motion, cleared.holding
         motion, reshaped = reshaped_within_torques(*given)
         record.append(motion)
@@ -116,7 +115,7 @@ class SectionPlanner(SectionTools):
         if problem.job.is_decided:
             return problem
         job = own_rules(problem.job)
-        watch = Watch(report=self.progress)
+        watch = Watch(report=problem.progress)
         model, effort, check = problem.model, problem.effort, self.check_collisions
         search = PairedSearch.of(model, job, effort, problem.seed, watch, check_collisions=check)
         return replace(problem, job=search.orders(watch).ranked[0].job)
@@ -125,9 +124,8 @@ class SectionPlanner(SectionTools):
 def sections_plan(work: PlannedJob, watch: Watch) -> Schedule:
     """Plan a job with paths or seams, section after section in the order of its tasks."""
     solve, check = work.method.solve, work.check_collisions
-    planner = SectionPlanner(
-        work.problem, work.settings, work.timing, watch.report, check, (), solve
-    )
+    problem = replace(work.problem, progress=watch.report)
+    planner = SectionPlanner(problem, work.settings, work.timing, check, (), solve)
     planned = planner.plan()
     # Sections start where the previous ones end: a faster section may slow down the next.
     if planner.may_end_better:

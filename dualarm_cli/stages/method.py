@@ -57,6 +57,8 @@ class MethodProblem:
     """Flag of plans that have to stay within the joints' torques."""
     repair_touching_stops: bool = True
     """Whether stages with colliding stops are repaired and re-planned; otherwise the order is changed."""
+    progress: Callable[[str], None] = field(default=lambda _: None, compare=False, repr=False)
+    """Receiver of progress messages; that of a method adds its share of the work."""
 
     @property
     def settings(self) -> EffortSettings:

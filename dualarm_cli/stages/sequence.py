@@ -279,7 +279,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     job = problem.job
     lines = any(stop.approach or stop.retract for task in job.tasks for stop in task.stops)
     numbers = sequence_problem(problem.model, job, problem.holding, problem.no_goods)
-    numbers = replace(numbers, settings=problem.settings.sequence)
+    numbers = replace(numbers, settings=problem.settings.sequence, progress=problem.progress)
     if not (problem.blends and _is_timed_whole(job) and lines):
         return numbers
     if problem.without_margin is not None:

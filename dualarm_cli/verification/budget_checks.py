@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.model.budget import Kept
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.verification import StageClearance
+from dualarm_cli.model.verification import StageClearance, counted
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import check_clearance
 from dualarm_cli.verification.measuring.tolerances import TOL
@@ -50,7 +50,7 @@ def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
 
 
 def least_clearance(schedule: Schedule, job: Job) -> float | None:
-    """Return the least proven clearance of any pair [m], or None.
+    """Return the least proven clearance of all pairs that count (`counted`) [m], or None.
 
     A verification lists the pairs with the least margins. If pairs require different clearances, the least distance
     may be another pair's, and the proof is repeated with the same requirement for all.
@@ -60,12 +60,12 @@ def least_clearance(schedule: Schedule, job: Job) -> float | None:
         with np.errstate(all="ignore"):
             stages = _uniform_clearances(schedule, job)
     # Parts that may lie on something have no clearance.
-    clearances = [stage.clearance for stage in stages if stage.required >= 0.0]
-    return min(clearances, default=None)
+    apart = counted(stage for stage in stages if stage.required >= 0.0)
+    return min((stage.clearance for stage in apart), default=None)
 
 
 def _uniform_clearances(schedule: Schedule, job: Job) -> tuple[StageClearance, ...]:
-    """Prove the least clearances with the same requirement for all pairs."""
+    """Prove the least distances, with no clearance required of any pair."""
     done = job_as_done(schedule, job)
-    cell = replace(done.cell, clearances=())
+    cell = replace(done.cell, clearance=0.0, clearances=())
     return check_clearance(schedule, replace(done, cell=cell))[1]

@@ -222,8 +222,8 @@ def test_an_arm_that_turns_out_late_for_its_part_meets_it_later(belt, monkeypatc
     """Avoiding collisions lets the left arm wait 0.3 s each time: the plan is made again with that much more time."""
     calls = []
 
-    def repaired(problem, solve, timing, progress, **how):
-        found = quickest_clear(problem, solve, timing, progress, **how)
+    def repaired(problem, solve, timing, **how):
+        found = quickest_clear(problem, solve, timing, **how)
         first, *others = found.cleared.plans
         plans = [dataclasses.replace(first, waits={"left": 0.3}), *others]
         motion = realise(problem.model, problem.job, plans, timing)

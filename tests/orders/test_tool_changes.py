@@ -283,7 +283,6 @@ def test_changes_go_on_where_the_platform_stood_before(kit, monkeypatch):
         problem,
         METHODS["sequence"].solve,
         TIMING_SOLVERS["ruckig"],
-        lambda _: None,
         check_collisions=True,
     )
     held = []

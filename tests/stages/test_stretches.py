@@ -96,7 +96,7 @@ def test_parts_of_one_plan_make_that_plan(random_problem: Problems, stages: int)
     plan = found.best.decisions
     asked = []
 
-    def decided(first: int, past: int) -> Decisions:
+    def decided(first: int, past: int, _progress: object = None) -> Decisions:
         asked.append((first, past))
         return plan.take(np.arange(first, past))
 
@@ -105,7 +105,7 @@ def test_parts_of_one_plan_make_that_plan(random_problem: Problems, stages: int)
     assert joined[0].total == pytest.approx(found.best.total, rel=1e-12)
     assert {k for span in asked for k in range(*span)} == set(range(stages))
     assert joined[1].any()
-    assert in_parts(problem, lambda first, past: None if first else decided(first, past)) is None
+    assert in_parts(problem, lambda first, *to: None if first else decided(first, *to)) is None
 
 
 def _with_margin(job: Job, model: CellModel) -> tuple[ArmWork, ...]:
@@ -119,7 +119,8 @@ def test_parts_keep_room_where_they_have_a_plan_with_it(random_job: Callable[...
     job = random_job(5, (48, 48), line=0.04)
     model = CellModel.from_cell(job.cell)
     problem, with_margin = sequence_problem(model, job), _with_margin(job, model)
-    plain = search_in_parts(problem, [], "quick", 0)
+    said: list[str] = []
+    plain = search_in_parts(replace(problem, progress=said.append), [], "quick", 0)
     found = search_in_parts(replace(problem, with_margin=with_margin), [], "quick", 0)
     assert plain is not None
     assert found is not None
@@ -130,6 +131,11 @@ def test_parts_keep_room_where_they_have_a_plan_with_it(random_job: Callable[...
         for work, q in zip(with_margin, plain.best.arms, strict=True)
     ]
     assert not np.concatenate(kept).all()
+    # Progress: parts of equal length, one after the other, and the steps of each.
+    shares = [int(text.split(" %")[0]) for text in said if text.endswith("done")]
+    assert shares == [100 * k // len(shares) for k in range(len(shares))]
+    assert all(f"{share} % of its parts done, step 1 of 3" in said for share in shares)
+    assert said[-1] == "joining its parts"
     again = search_in_parts(problem, [found.best.decisions], "quick", 0)
     assert again is not None
     assert again.best.total <= found.best.total

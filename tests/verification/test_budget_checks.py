@@ -9,6 +9,7 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.verification import Verification
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget, least_clearance
@@ -38,12 +39,19 @@ def test_a_cycle_time_is_kept_up_to_its_figure(planned):
 
 
 def test_a_clearance_is_kept_down_to_its_figure(planned):
-    """That which is proven; a hundredth of a millimetre more is not."""
+    """That which is proven of bodies that a cell can change; a hundredth of a millimetre more is not."""
     job, schedule = planned
-    least = min(stage.clearance for stage in schedule.verification.clearances)
+    proven = schedule.verification.clearances
+    least = min(stage.clearance for stage in proven if not stage.near)
     assert least_clearance(schedule, job) == least
     assert kept(schedule, job, clearance=least) == [True]
     assert kept(schedule, job, clearance=least + 1e-5, cycle_time=1.0) == [False, False]
+    # Near links are nearer; they count where they lack clearance, or where there is nothing else.
+    near = tuple(stage for stage in proven if stage.near)
+    assert (closest := min(stage.clearance for stage in near)) < least
+    for others in (near, (*proven, replace(near[0], clearance=-1.0, margin=-1.0))):
+        judged = replace(schedule, verification=Verification((), others))
+        assert least_clearance(judged, job) == (closest if others is near else -1.0)
 
 
 def test_what_was_not_proven_is_missed_whatever_pairs_have_to_keep(planned):

@@ -55,7 +55,7 @@ class BudgetSection(Section):
     )
     clearance: Clearance | None = Field(
         default=None,
-        description="Minimum distance of all pairs of bodies that must not touch [m].",
+        description="Minimum distance of bodies that must not touch, near links of one arm excepted [m].",
     )
     skew: Skew | None = Field(
         default=None,

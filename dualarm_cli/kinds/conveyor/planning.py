@@ -113,7 +113,6 @@ def quickest_meeting(
     problem: MethodProblem,
     solve: Callable[[MethodProblem], Decided],
     timing: TimingSolver,
-    progress: Callable[[str], None],
     *,
     check_collisions: bool,
 ) -> ClearedPlan:
@@ -128,13 +127,12 @@ def quickest_meeting(
         problem: the method's problem, whose job has arms and order decided.
         solve: the method.
         timing: solver of motions.
-        progress: receiver of progress messages.
         check_collisions: whether collisions are checked.
 
     Raises:
         InfeasibleError: no plan that was found meets some part in its window, or there is no plan.
     """
-    progress("estimating where parts on conveyors are met")
+    problem.progress("estimating where parts on conveyors are met")
     variant = replace(problem, job=_better_guessed(problem, timing))
     delays: dict[tuple[int, str], float] = {}
     best: ClearedPlan | None = None
@@ -143,9 +141,7 @@ def quickest_meeting(
         meeting = ConveyorMeeting(variant.model, variant.job, timing, dict(delays))
         try:
             method = _meeting(solve, meeting)
-            plan = quickest_clear(
-                variant, method, timing, progress, check_collisions=check_collisions
-            )
+            plan = quickest_clear(variant, method, timing, check_collisions=check_collisions)
         except MissedError as error:
             # The error has better estimates of the meeting times.
             failure = failure or error
@@ -171,7 +167,7 @@ def quickest_meeting(
         if not delayed and _largest_shift(variant.job, times) <= BELT.same_place:
             break
         delays = {key: delays.get(key, 0.0) + delayed.get(key, 0.0) for key in {*delays, *delayed}}
-        progress("planning again with parts where they are met")
+        problem.progress("planning again with parts where they are met")
         variant = replace(variant, job=met_at(variant.job, times))
     if best is None:
         raise failure or InfeasibleError(Refusal("parts_missed"))

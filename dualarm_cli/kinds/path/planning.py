@@ -146,7 +146,7 @@ def add_path(
     assert work is not None
     context = PathContext.of(tools.problem.model, tools.problem.job)
     name = tools.settings.follower or work.redundancy or default_follower(context)
-    tools.progress(f"following {section[0].id} ({name})")
+    tools.problem.progress(f"following {section[0].id} ({name})")
     search = PathSearch(tools, context, work, PATH_SOLVERS[name], current)
     nearest = search.run()
     if search.best is None:

@@ -59,7 +59,7 @@ def add_seam_section(
     work = section[0].seam
     assert work is not None
     job = tools.problem.job
-    tools.progress(f"working {section[0].id}")
+    tools.problem.progress(f"working {section[0].id}")
     home = np.array(job.cell.robot.postures["home"])
     planner = SeamPlanner(
         job,

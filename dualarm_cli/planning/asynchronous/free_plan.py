@@ -67,8 +67,6 @@ class FreePlanner:
     """Method that chooses one arm's postures."""
     timing: TimingSolver
     """Solver that times motions."""
-    tell: Callable[[str], None]
-    """Receiver of progress messages."""
     check_collisions: bool
     """Whether collisions are checked."""
     end: FloatArray | None = None
@@ -92,7 +90,6 @@ class FreePlanner:
         )
         arm_plans = []
         for name in model.arms:
-            self.tell(f"planning the {name} arm alone")
             arm_plans.append(self._arm_plan(model, name, work))
         begin = work if job.start == "free" else start
         turn = self._turn(begin, work)
@@ -105,13 +102,13 @@ class FreePlanner:
         if self.check_collisions:
             cell = CellClearance.of_job(job)
         if len(arm_plans) > 1:
-            self.tell("inserting waits between the arms")
+            self.problem.progress("inserting waits between the arms")
         result = self._together(model, work, [plan.clock for plan in arm_plans], (turn, back), cell)
         if result is not None:
             motion, waits = result
             if not any(arm_plan.problem.blends for arm_plan in arm_plans):
                 return motion
-            self.tell("blending lines and transfers")
+            self.problem.progress("blending lines and transfers")
             ready = turn.duration > 0.0
             clocks = [
                 self._blended(arm_plan, [wait.at for wait in arm_waits], ready=ready)
@@ -160,14 +157,17 @@ class FreePlanner:
         free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
         lying = (*job.lying, *others_parts(job, name)) if self.check_collisions else ()
         alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired", lying=lying)
-        problem = replace(self.problem, model=model, job=alone)
+        tell, doing = self.problem.progress, f"planning the {name} arm alone"
+        tell(doing)
+        problem = replace(
+            self.problem, model=model, job=alone, progress=lambda said: tell(f"{doing}: {said}")
+        )
         motion, plan = self._still(model, work), None
         if tasks:
             plan = quickest_clear(
                 replace(problem, blending=STOPPING),
                 with_room(problem, self.solve) if problem.blends else self.solve,
                 self.timing,
-                lambda _: None,
                 check_collisions=self.check_collisions,
                 alone=name,
             )
@@ -226,7 +226,6 @@ class FreePlanner:
             replace(problem, model=replace(problem.model, cell=cell), job=alone),
             lambda _: Decided([back]),
             self.timing,
-            lambda _: None,
             check_collisions=self.check_collisions,
             alone=name,
         )

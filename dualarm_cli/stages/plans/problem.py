@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -227,6 +227,8 @@ class SequenceProblem:
     """Arms with narrowed position limits for line ends in motion; empty without."""
     settings: SequenceSettings = SequenceSettings()
     """Numbers of the search."""
+    progress: Callable[[str], None] = field(default=lambda _: None, compare=False, repr=False)
+    """Receiver of the search's share of its work, in words."""
 
     def under(self, law: Callable[[RestToRest], RestToRest]) -> SequenceProblem:
         """Return the same stages under another timing law of the arms' joints.
@@ -327,10 +329,10 @@ class ArmDecisions:
     def put(self, rows: IntArray, replacements: ArmDecisions) -> ArmDecisions:
         """Replace rows by all rows of other decisions."""
         merged = {}
-        for field in fields(self):
-            values = np.array(getattr(self, field.name))
-            values[rows] = getattr(replacements, field.name)
-            merged[field.name] = values
+        for column in fields(self):
+            values = np.array(getattr(self, column.name))
+            values[rows] = getattr(replacements, column.name)
+            merged[column.name] = values
         return replace(self, **merged)
 
 

@@ -21,7 +21,14 @@ from dualarm_cli.stages.search.exact_stages import ExactStages
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import Polishing
-from dualarm_cli.stages.search.stretches import Stretch, in_parts, loose_stretches, stretch_of
+from dualarm_cli.stages.search.stretches import (
+    Progress,
+    Stretch,
+    counted,
+    in_parts,
+    loose_stretches,
+    stretch_of,
+)
 from dualarm_cli.stages.search.variables import Variables
 
 
@@ -70,7 +77,8 @@ def search(
     others: list[Decisions] = []
     if problem.with_margin and problem.stages <= SCALING.short:
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
-        narrow = _searched(next(_with_room(problem)), starts, one_grid, seed)
+        part = replace(next(_with_room(problem)), progress=lambda _: None)
+        narrow = _searched(part, starts, one_grid, seed)
         others = [] if narrow is None or narrow.is_infeasible else [narrow.best.decisions]
     result = _searched(problem, (*starts, *others), how, seed, further, others)
     return None if result is None else replace(result, with_margin=tuple(others))
@@ -87,6 +95,8 @@ def _searched(
     """Search with one set of position limits, see `search`; `others` are blended plans."""
     moving, problem = problem, replace(problem, launches=None)
     exact, polishing = ExactStages(problem), Polishing(problem, seed)
+    steps = 3 + how.local_rounds
+    problem.progress(f"step 1 of {steps}")
     grids = map_halves(
         lambda meshes: [plans_on_nodes(problem, exact, mesh, how.plans) for mesh in meshes],
         how.meshes,
@@ -102,8 +112,10 @@ def _searched(
     pool = best_of_each_kind(problem, [plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
         return None
+    problem.progress(f"step 2 of {steps}")
     best, tried = combination(polishing, pool, how)
-    for _ in range(how.local_rounds):
+    for round_ in range(how.local_rounds):
+        problem.progress(f"step {3 + round_} of {steps}")
         plans_around = plans_on_nodes(problem, exact, how.local, how.plans, best).plans
         before = best.total
         pool = [best, *(plan for _, plan in plans_around)]
@@ -111,6 +123,7 @@ def _searched(
         tried += polished
         if best.total > (1.0 - problem.settings.least_grid_gain) * before:
             break
+    problem.progress(f"step {steps} of {steps}")
     rivals = _apart(problem, best, tried)[: how.rivals] if moving.launches is not None else []
     given = [evaluate(problem, decisions) for decisions in others]
     best = polished_thoroughly(replace(polishing, problem=moving), best, how, (rivals, given))
@@ -223,9 +236,9 @@ def search_in_parts(
     """
     at_rest = replace(problem, launches=None)
 
-    def decided(first: int, past: int) -> Decisions | None:
+    def decided(first: int, past: int, progress: Progress) -> Decisions | None:
         part_starts = [start.take(np.arange(first, past)) for start in starts]
-        for part in _with_room(stretch_of(problem, first, past)):
+        for part in _with_room(replace(stretch_of(problem, first, past), progress=progress)):
             parts = search(part, part_starts, effort, seed)
             if parts is not None and not parts.is_infeasible:
                 return parts.best.decisions
@@ -250,6 +263,7 @@ def search_in_parts(
         return parts
 
     stretches = loose_stretches(problem, plan, near)
+    problem.progress("joining its parts")
     for stretch, part in zip(stretches, map_halves(polished, stretches), strict=True):
         decisions = stretch.put(decisions, part)
     best = evaluate(at_rest, decisions)
@@ -297,7 +311,7 @@ def search_near(
 
     def decided(plan: Decisions, mesh: Mesh, batch: Sequence[Stretch]) -> list[Decisions | None]:
         decided_parts = []
-        for stretch in batch:
+        for stretch, _ in counted(problem, batch):
             tried = (
                 _near(replace(stretch, problem=part), plan, colliding_stages, (how, mesh), seed)
                 for part in _with_room(stretch.problem)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +15,10 @@ from dualarm_cli.stages.plans.clearance import SequenceClearance
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, evaluate, start_joints
 from dualarm_cli.stages.search.corridor import best_combination
+
+Part = TypeVar("Part")
+Progress = Callable[[str], None]
+"""Receiver of progress messages."""
 
 
 @dataclass(frozen=True)
@@ -145,9 +150,27 @@ def _test_of(test: SequenceClearance, first: int, past: int) -> SequenceClearanc
     )
 
 
+def counted(problem: SequenceProblem, parts: Sequence[Part]) -> Iterator[tuple[Part, Progress]]:
+    """Yield the parts of a sequence, and report the share of them that is done.
+
+    A worker process has the other half of them and takes as long. Each part comes with a receiver of its own progress.
+    """
+    for number, part in enumerate(parts):
+        if len(parts) == 1:
+            yield part, problem.progress
+            continue
+        share = f"{100 * number // len(parts)} % of its parts done"
+        problem.progress(share)
+
+        def told(said: str, share: str = share) -> None:
+            problem.progress(f"{share}, {said}")
+
+        yield part, told
+
+
 def in_parts(
     problem: SequenceProblem,
-    decided: Callable[[int, int], Decisions | None],
+    decided: Callable[[int, int, Progress], Decisions | None],
     starts: Sequence[Decisions] = (),
 ) -> tuple[Evaluated, BoolArray] | None:
     """Plan a long sequence in parts; flag stages to polish, shape (n,).
@@ -158,7 +181,7 @@ def in_parts(
 
     Args:
         problem: the sequence, without a return: parts do not know where it ends.
-        decided: decides the stages from one to before another.
+        decided: decides the stages from one to before another; the last argument receives its progress.
         starts: other plans, which are combined with it.
     """
     n, common = problem.stages, problem.settings.part_overlap
@@ -168,7 +191,10 @@ def in_parts(
         (max(0, first - common), min(n, past + common))
         for first, past in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
     ]
-    parts = map_halves(lambda batch: [decided(*span) for span in batch], spans)
+    parts = map_halves(
+        lambda batch: [decided(*span, progress) for span, progress in counted(problem, batch)],
+        spans,
+    )
     idle = tuple(ArmDecisions.idle(work.start, n) for work in problem.arms)
     plan_a = plan_b = Decisions(np.zeros(n), idle)
     for number, (span, part) in enumerate(zip(spans, parts, strict=True)):
