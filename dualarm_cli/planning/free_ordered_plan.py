@@ -44,8 +44,7 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
         InfeasibleError: neither is possible.
     """
     problem = replace(work.problem, progress=watch.report)
-    settings, effort = work.settings, work.effort
-    check = work.check_collisions
+    settings, effort, check = work.settings, work.effort, work.check_collisions
     planner = FreePlanner(problem, work.method.solve, work.timing, check)
     watch.begin()
     watch.report("timing each task at every platform angle")

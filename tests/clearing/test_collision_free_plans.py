@@ -380,7 +380,7 @@ def test_where_keeping_clear_is_dear_simpler_plans_are_looked_at(tasks_folder):
             late = [dataclasses.replace(plan, waits={"left": 2.0}) for plan in plans]
             return Decided(late, simpler=simpler and (lambda: simpler(plans)))
 
-        return quickest_clear(problem, solve, timing, lambda _: None)
+        return quickest_clear(problem, solve, timing)
 
     quick, slow = found(lambda plans: [plans]), found(None)
     assert not quick.cleared.blocked
@@ -409,7 +409,7 @@ def test_where_keeping_clear_is_dear_more_effort_is_no_slower_than_less(tasks_fo
             return Decided(plans)
 
         problem = MethodProblem(model, job, "arm_angle", effort=effort)
-        return quickest_clear(problem, solve, timing, lambda _: None)
+        return quickest_clear(problem, solve, timing)
 
     normal = found("normal").cleared.motion.trajectory.duration
     if lesser == "none":
@@ -441,7 +441,7 @@ def test_rounds_end_where_nothing_new_is_proposed_or_after_twelve(packing, propo
 
     problem = MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle")
     with pytest.raises(BlockedError):
-        quickest_clear(problem, solve, timing, lambda _: None)
+        quickest_clear(problem, solve, timing)
     # The first plan is made without collision checking; after each round there is something new to avoid.
     assert len(asked) == 1 + rounds
     assert [one.holding is None for one in asked] == [True] + rounds * [False]

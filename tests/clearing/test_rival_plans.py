@@ -53,7 +53,7 @@ def test_plans_of_all_efforts_are_compared_blended(problem, monkeypatch, share, 
         return result
 
     monkeypatch.setattr(blended_plan, "blended_plan", recorded)
-    found = quickest_clear(problem, solve, TIMING_SOLVERS["ruckig"], lambda _: None)
+    found = quickest_clear(problem, solve, TIMING_SOLVERS["ruckig"])
     assert len({stopping for stopping, _ in compared}) == len(compared) == count
     assert found.cleared.duration == min(duration for _, duration in compared)
     assert found.cost >= 0.0
@@ -72,10 +72,8 @@ def test_a_refinement_that_is_longer_is_left_out_and_its_stages_stay(problem):
         return Decided(_stages(asked, "minimum_time"), refined=refined)
 
     timing = TIMING_SOLVERS["ruckig"]
-    found = quickest_clear(problem, solve, timing, lambda _: None)
-    plain = quickest_clear(
-        problem, lambda asked: replace(solve(asked), refined=None), timing, lambda _: None
-    )
+    found = quickest_clear(problem, solve, timing)
+    plain = quickest_clear(problem, lambda asked: replace(solve(asked), refined=None), timing)
     assert len(kept_stages) == EFFORTS["normal"].search.refinements
     assert not kept_stages[0]
     assert len(kept_stages[1]) >= 2
