@@ -162,10 +162,10 @@ def counted(problem: SequenceProblem, parts: Sequence[Part]) -> Iterator[tuple[P
         share = f"{100 * number // len(parts)} % of its parts done"
         problem.progress(share)
 
-        def told(said: str, share: str = share) -> None:
-            problem.progress(f"{share}, {said}")
+        def report(step: str, share: str = share) -> None:
+            problem.progress(f"{share}, {step}")
 
-        yield part, told
+        yield part, report
 
 
 def in_parts(
