@@ -94,7 +94,7 @@ def _index() -> str:
                 "| [tasks](tasks.md), [cell](cell.md), [robot](robot.md) | the files that describe a job |",
                 "| [study](study.md), [points](points.md), [base](base.md) | files of layout studies and calibration |",
                 "| [schedule](schedule.md), [report](report.md) | the files that a plan writes |",
-                "| [documents](documents.md) | what `compare`, `robot reach` and `sweep` print with `--json` |",
+                "| [documents](documents.md) | what `compare`, `robot reach`, `sweep` and `why` print with `--json` |",
                 "| [commands](commands.md) | commands, options, exit codes |",
                 "| [solvers](solvers.md) | the methods by family |",
                 "| [checks](checks.md) | what `dualarm verify` measures |",

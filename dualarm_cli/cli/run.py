@@ -152,6 +152,7 @@ COMMANDS: Mapping[str, str] = {
     "schema": "lists.schema_command",
     "plan": "plan.plan_command",
     "sweep": "sweep.sweep_command",
+    "why": "why.why_command",
     "report": "report.report_command",
     "export": "export.export_command",
     "verify": "verify.verify_command",

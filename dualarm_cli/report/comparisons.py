@@ -380,3 +380,73 @@ class PerturbationReport(TypedDict):
     failures: list[StudyFailure]
     rows: list[DrawRow]
     inputs: dict[Name, Annotated[str, "", "SHA-256 of each input file."]]
+
+
+class WhyPiece(TypedDict):
+    """Motion, dwell or wait of an arm or of the platform."""
+
+    group: Annotated[str, "", "Arm, or platform."]
+    kind: Annotated[str, "", "transfer, approach, dwell, retract, return, path, seam or wait; turn for the platform."]
+    task: Annotated[str, "", "Task; empty for the platform and returns."]
+    action: Annotated[str, "", "Action at the target; empty for the platform and returns."]
+    stage: Annotated[int, "", "Number of its stage, from 1."]
+    start: Annotated[float, "s", "Start."]
+    end: Annotated[float, "s", "End."]
+    length: Annotated[float, "s", "Time that it takes by itself, without waiting for others."]
+    slack: Annotated[float, "s", "Delay that does not make the cycle longer."]
+
+
+class WhyLink(TypedDict):
+    """Part of the critical path."""
+
+    piece: Annotated[int | None, "", "Index among the pieces; none for time that no motion decides."]
+    start: Annotated[float, "s", "Begin of the time that it decides."]
+    end: Annotated[float, "s", "End of the time that it decides."]
+
+
+class WhyShare(TypedDict):
+    """Part of the cycle time by what decides it."""
+
+    group: Annotated[str, "", "Arm, or platform; empty for time that no motion decides."]
+    kind: Annotated[str, "", "Kind of piece."]
+    time: Annotated[float, "s", "Time on the critical path."]
+
+
+class WhyLever(TypedDict):
+    """Change of a file, with what it gains."""
+
+    name: Annotated[str, "", "What is changed."]
+    change: Annotated[str, "", "Old and new value, or the difference."]
+    kind: Annotated[str, "", "process, search, layout or robot."]
+    values: dict[Name, Annotated[float | str | bool | list[float | str], "", "New values by file and JSON pointer, as `dualarm.load` and studies take them."]]
+    estimate: Annotated[float | None, "s", "Estimated gain, with order, postures and platform angles of the plan."]
+    reason: Annotated[str, "", "Why there is no estimate; empty if there is one."]
+    status: Annotated[str, "", "Result of its plan; empty if it was not re-planned."]
+    cycle_time: Annotated[float | None, "s", "Cycle time, re-planned and verified."]
+    gain: Annotated[float | None, "s", "Gain, re-planned and verified."]
+
+
+class WhyCombination(TypedDict):
+    """Levers together, re-planned."""
+
+    levers: Annotated[list[int], "", "Indices of the levers."]
+    status: Annotated[Status, "", "Result of planning again."]
+    cycle_time: Annotated[float | None, "s", "Cycle time, verified."]
+    gain: Annotated[float | None, "s", "Gain, verified."]
+
+
+class WhyReport(TypedDict):
+    """Document of `why`: critical path, slack and levers of a plan [SI units]."""
+
+    format: Annotated[str, "", "`dualarm.why/1`."]
+    version: Annotated[str, "", "Version of dualarm."]
+    job: Annotated[str, "", "Task file."]
+    effort: Annotated[str, "", "Effort of the plan and of plans re-planned."]
+    cycle_time: Annotated[float, "s", "Cycle time of the plan."]
+    required: Annotated[float | None, "s", "Cycle time of the budget, or none."]
+    shares: list[WhyShare]
+    critical_path: list[WhyLink]
+    pieces: list[WhyPiece]
+    levers: list[WhyLever]
+    combinations: list[WhyCombination]
+    sentences: Annotated[list[str], "", "Result in words."]

@@ -112,7 +112,7 @@ def stage_parts(schedule: Schedule) -> list[StageParts]:
     per_stage: list[dict[str, list[Segment]]] = [{} for _ in stages]
     whole = whole_transfers(sorted(segments, key=lambda part: part.start)) if stages else []
     parts = [part for part in whole if part.kind != "wait"]
-    for part, k in zip(parts, _stages_of(parts, stages), strict=True):
+    for part, k in zip(parts, stages_of(parts, stages), strict=True):
         per_stage[k].setdefault(part.arm, []).append(part)
     return [
         _parts(
@@ -127,7 +127,7 @@ def stage_parts(schedule: Schedule) -> list[StageParts]:
     ]
 
 
-def _stages_of(parts: Sequence[Segment], stages: Sequence[Stage]) -> list[int]:
+def stages_of(parts: Sequence[Segment], stages: Sequence[Stage]) -> list[int]:
     """Find the stage of each segment: the last one begun by its middle.
 
     Among overlapping stages it must be of the segment's task.

@@ -29,6 +29,7 @@ _VERSIONS = {
     "reach": "dualarm.reach/1",
     "sweep": "dualarm.sweep/1",
     "perturbation": "dualarm.perturbation/1",
+    "why": "dualarm.why/1",
 }
 """Format version of each kind of file."""
 _REQUIRED = (
@@ -42,7 +43,7 @@ def result_schema(kind: str, description: str, members: type) -> dict[str, Any]:
     """Build the JSON Schema of a result file.
 
     Args:
-        kind: schedule, report, schedule-comparison, comparison, reach or sweep.
+        kind: schedule, report, schedule-comparison, comparison, reach, sweep or why.
         description: of the file.
         members: types of its members, a TypedDict.
     """

@@ -18,6 +18,7 @@ from dualarm_cli.report.comparisons import (
     ScheduleComparison,
     SolverComparison,
     StudyReport,
+    WhyReport,
 )
 from dualarm_cli.report.document import (
     ArmName,
@@ -188,5 +189,6 @@ RESULTS: Mapping[str, tuple[str, type]] = {
     "reach": ("What `dualarm robot reach --json` prints.", ReachReport),
     "sweep": ("What `dualarm sweep --json` prints.", StudyReport),
     "perturbation": ("What `dualarm sweep --perturb --json` prints.", PerturbationReport),
+    "why": ("What `dualarm why --json` prints.", WhyReport),
 }
 """Description and members of each kind of result."""

@@ -132,13 +132,22 @@ def cycle_times(schedule: Schedule, longer: Mapping[int, FloatArray], count: int
             planned = dict.fromkeys(ready, barriers[passed])
             passed += 1
         arrives, length = ready[part.arm], part.end - part.start
-        if part.kind == "wait" and part.reason in FOR_OTHERS:
-            end = np.maximum(arrives, released(part))
+        if part.action == "take" and part.kind not in ("wait", "transfer"):
+            # The taker approaches once the giver has arrived, also where it need not wait in the plan.
+            arrived = [ready[arm] for arm in ready if planned[arm] <= part.start + SAME_TIME]
+            arrives = np.maximum.reduce([arrives, *arrived])
+        is_for_other = part.kind == "wait" and part.reason in FOR_OTHERS
+        if is_for_other and not barriers:
+            # A wait of no length is rounding.
+            end = np.maximum(arrives, released(part)) if length > SAME_TIME else arrives
+        elif is_for_other and part.reason != "shared_zone":
+            # Synchronous arms wait for the end of the stage, at whatever place.
+            end = arrives
         elif part.kind == "wait" and part.reason == "window":
             end = np.maximum(arrives, part.end)
         elif part.kind == "dwell" and part.action == "give":
             # The giver stands until the taker has gripped.
-            end = np.maximum(arrives, released(part))
+            end = np.maximum(arrives, released(part)) + longer.get(k, 0.0)
         else:
             end = arrives + length + longer.get(k, 0.0)
         ready, planned = {**ready, part.arm: end}, {**planned, part.arm: part.end}

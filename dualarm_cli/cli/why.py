@@ -1,0 +1,123 @@
+"""`dualarm why`: what decides the cycle time of a plan, and which changes would shorten it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.parts.evaluating import evaluators, open_store, progress_bar, say_unkept
+from dualarm_cli.cli.parts.options import PlanTasksOption, read_duration
+from dualarm_cli.cli.parts.output import (
+    DetailsOption,
+    JsonOption,
+    ResultOnlyOption,
+    print_json,
+    stdout_console,
+)
+from dualarm_cli.cli.parts.score_options import CacheOption, JobsOption, NoCacheOption
+from dualarm_cli.cli.report import tasks_of
+from dualarm_cli.report.printable import print_lines
+
+if TYPE_CHECKING:
+    from dualarm_cli.levers.estimates import Estimate
+    from dualarm_cli.levers.replanning import Replanned
+    from dualarm_cli.model.job import Job
+    from dualarm_cli.model.schedule import Schedule
+
+
+def why_command(
+    plan: Annotated[Path, typer.Argument(help="Folder of a plan, or a schedule file.")],
+    tasks: PlanTasksOption = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(
+            "--budget",
+            metavar="DURATION",
+            help="Time after which no further plan is begun (30, '30 s'); 0: estimates only.",
+            show_default="the largest levers, about three times the time of planning",
+        ),
+    ] = None,
+    jobs: JobsOption = None,
+    cache: CacheOption = None,
+    no_cache: NoCacheOption = False,
+    json_output: JsonOption = False,
+    details: DetailsOption = False,
+    quiet: ResultOnlyOption = False,
+) -> None:
+    """Explain a plan's cycle time: critical path, slack, and levers with what they gain.
+
+    Gains of all levers are estimated from the plan; the largest are re-planned and verified, also together.
+    """
+    from dualarm_cli.exporting.schedule_reader import read_schedule
+    from dualarm_cli.interface import load
+    from dualarm_cli.levers.document import why_document
+    from dualarm_cli.levers.estimates import estimated_levers
+    from dualarm_cli.report.printable import printable
+
+    seconds = 0.0 if budget in ("0", "0 s") else read_duration("--budget", budget)
+    schedule = read_schedule(plan)
+    file = (
+        tasks if tasks is not None else tasks_of(schedule, plan if plan.is_dir() else plan.parent)
+    )
+    job = load(file)
+    estimates = estimated_levers(schedule, job, file)
+    replanned: list[Replanned] = []
+    if seconds != 0.0:
+        store = open_store(cache, no_cache)
+        with evaluators(jobs, None, None) as run:
+            replanned = _replanned(schedule, job, file, estimates, (run, store, seconds), quiet)
+        say_unkept(store)
+    document: dict[str, Any] = printable(
+        why_document(schedule, job, file.as_posix(), estimates, replanned)
+    )
+    if json_output:
+        print_json(document)
+    elif quiet:
+        print_lines(stdout_console(), *document["sentences"][-1:])
+    else:
+        _print(document, details)
+
+
+def _replanned(
+    schedule: Schedule,
+    job: Job,
+    file: Path,
+    estimates: list[Estimate],
+    means: tuple[Any, Any, float | None],
+    quiet: bool,
+) -> list[Replanned]:
+    """Plan the largest levers anew, within a time [s] if one is given."""
+    from dualarm_cli.background import usable_cores
+    from dualarm_cli.evaluation.request import case_name
+    from dualarm_cli.levers.replanning import Replanner, replan, request_of
+
+    run, store, seconds = means
+    request = request_of(schedule, file, case_name(file))
+    until = None if seconds is None else monotonic() + seconds
+    required = None if job.budget is None else job.budget.cycle_time
+    with progress_bar("planning", 0, quiet) as show:
+        tell = (lambda done, words: None) if show is None else show
+        replanner = Replanner(schedule, request, run, store, until, usable_cores(), tell)
+        replan(replanner, estimates, required)
+    return replanner.results
+
+
+def _print(document: dict[str, Any], details: bool) -> None:
+    from dualarm_cli.report.comparison.why_table import (
+        combinations_table,
+        levers_table,
+        shares_table,
+        stages_table,
+    )
+
+    console = stdout_console()
+    if details:
+        console.print(stages_table(document))
+    console.print(shares_table(document))
+    console.print(levers_table(document, details))
+    if document["combinations"]:
+        console.print(combinations_table(document))
+    print_lines(console, *document["sentences"])

@@ -1,0 +1,249 @@
+"""Levers of a job: changes of its files that may shorten the cycle.
+
+A lever replaces values as a study does (`files/source/overrides`). Its sizes are what an engineer would try first:
+half a length or dwell, 20 mm or 5 degrees of a frame, a fifth more acceleration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Literal
+
+from dualarm_cli.files.source.amounts import read_amount, scaled, shifted
+from dualarm_cli.files.source.quantities import QuantityError
+from dualarm_cli.files.source.value_paths import to_pointer, value_at
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.model.study import Amount
+from dualarm_cli.records import dataclass
+
+LeverKind = Literal["process", "search", "layout", "robot"]
+"""Kind of a lever: lines, dwells and limits; arms and order; places; another robot."""
+
+
+@dataclass(frozen=True)
+class LeverSizes:
+    """Sizes of the changes that are tried."""
+
+    half: float = 0.5
+    """Factor on lengths, gripper times and masses."""
+    clearance: float = 0.2
+    """Factor on the clearance."""
+    faster: float = 1.2
+    """Factor on accelerations and jerks of joints, and on the limit of tool speed."""
+    shift: str = "20 mm"
+    """Displacement of frames along each axis."""
+    turn: str = "5 deg"
+    """Rotation of frames about the vertical axis."""
+
+
+SIZES = LeverSizes()
+CLEARANCE, SKEW, MASS = "clearance", "skew", "mass of tools and parts"
+UNMODELLED = (CLEARANCE, SKEW, MASS)
+"""Levers whose gain is in fewer collisions or smaller torques."""
+
+
+@dataclass(frozen=True)
+class Lever:
+    """Change of a job's files."""
+
+    name: str
+    """Name of the value, such as `gripper` or `frame tray: x`."""
+    change: str
+    """Old and new value, or the difference."""
+    kind: LeverKind
+    """Kind of the change."""
+    values: Mapping[str, Any]
+    """New values, by role and JSON pointer."""
+
+    @property
+    def is_modelled(self) -> bool:
+        """Whether times of motions and dwells show its gain.
+
+        They do not for orders and arms, nor for collisions and torques.
+        """
+        return self.kind != "search" and self.name not in UNMODELLED
+
+    def excludes(self, lever: Lever) -> bool:
+        """Whether both change the same value."""
+        return not self.values.keys().isdisjoint(lever.values)
+
+    def __str__(self) -> str:
+        """Name the lever with its change."""
+        return f"{self.name} {self.change}"
+
+
+def levers(documents: Mapping[str, Document]) -> list[Lever]:
+    """List the levers of a job.
+
+    Args:
+        documents: files of the job by role.
+    """
+    places = {role: list(_places(document.data, ())) for role, document in documents.items()}
+    return [
+        *_lengths(documents, places),
+        *_dwells(documents, places),
+        *_limits(documents, places),
+        *_decisions(documents["tasks"]),
+        *(_frames(documents["cell"]) if "cell" in documents else []),
+        *_joints(documents),
+    ]
+
+
+def _places(node: Any, loc: Loc) -> Iterator[Loc]:
+    """Yield the place of every value of a mapping in a file, outside lists of numbers."""
+    entries: Iterable[tuple[str | int, Any]] = ()
+    if isinstance(node, dict):
+        entries = node.items()
+    elif isinstance(node, list):
+        entries = enumerate(node)
+    for key, value in entries:
+        if isinstance(key, str):
+            yield (*loc, key)
+        yield from _places(value, (*loc, key))
+
+
+Change = Callable[[Amount], Amount]
+
+
+def _amount(value: Any) -> Amount | None:
+    """Read a number above 0; None for anything else."""
+    try:
+        amount = read_amount(value)
+    except QuantityError:
+        return None
+    return amount if amount.si > 0.0 else None
+
+
+def _times(factor: float) -> Change:
+    return lambda amount: scaled(amount, Amount(factor))
+
+
+def _lever(
+    name: str,
+    kind: LeverKind,
+    documents: Mapping[str, Document],
+    places: Iterable[tuple[str, Loc]],
+    change: Change,
+) -> list[Lever]:
+    """Build the lever that changes the numbers at some places; nothing without any."""
+    values, words = {}, []
+    for role, loc in places:
+        amount = _amount(value_at(documents[role].data, loc))
+        if amount is not None:
+            new = change(amount)
+            values[f"{role}:{to_pointer(loc)}"] = new.written
+            words.append(f"{amount.shown} to {new.shown}")
+    if not values:
+        return []
+    distinct = list(dict.fromkeys(words))
+    more = f" (+{len(distinct) - 1})" if len(distinct) > 1 else ""
+    return [Lever(name, distinct[0] + more, kind, values)]
+
+
+def _named(places: Mapping[str, list[Loc]], role: str, *names: str) -> list[tuple[str, Loc]]:
+    return [(role, loc) for loc in places.get(role, []) if loc[-1] in names]
+
+
+def _lengths(documents: Mapping[str, Document], places: Mapping[str, list[Loc]]) -> Iterator[Lever]:
+    """Yield levers of the lengths of lines, in task file and grasps."""
+    for names in (("approach",), ("retract",), ("approach", "retract"), ("straight",)):
+        lines = [*_named(places, "tasks", *names), *_named(places, "cell", *names)]
+        yield from _lever(" and ".join(names), "process", documents, lines, _times(SIZES.half))
+
+
+def _dwells(documents: Mapping[str, Document], places: Mapping[str, list[Loc]]) -> Iterator[Lever]:
+    """Yield levers of the parts of dwells."""
+    whole = _named(places, "tasks", "dwell")
+    yield from _lever("dwell", "process", documents, whole, _times(SIZES.half))
+    for part, factor in (("gripper", SIZES.half), ("settle", 0.0), ("handshake", 0.0)):
+        parts = [place for place in _named(places, "tasks", part) if "dwell" in place[1]]
+        yield from _lever(part, "process", documents, parts, _times(factor))
+
+
+def _limits(documents: Mapping[str, Document], places: Mapping[str, list[Loc]]) -> Iterator[Lever]:
+    """Yield levers of speeds, clearance, delays of arms, and masses."""
+    caps = [*_named(places, "tasks", "tool_speed"), *_named(places, "cell", "tool_speed")]
+    yield from _lever("tool speed", "process", documents, caps, _times(SIZES.faster))
+    speed = documents["tasks"].data.get("speed")
+    if (amount := _amount(speed)) is not None and amount.si < 1.0:
+        share = min(1.0, SIZES.faster * amount.si)
+        yield Lever("speed", f"{amount.shown} to {share:.0%}", "process", {"tasks:/speed": share})
+    gap = [place for place in _named(places, "cell", "clearance") if len(place[1]) == 1]
+    yield from _lever(CLEARANCE, "process", documents, gap, _times(SIZES.clearance))
+    skew = [place for place in _named(places, "tasks", "skew") if "timing" in place[1]]
+    yield from _lever(SKEW, "process", documents, skew, _times(SIZES.half))
+    mass = [p for p in _named(places, "cell", "mass") if p[1][0] in ("tools", "parts")]
+    yield from _lever(MASS, "process", documents, mass, _times(SIZES.half))
+
+
+def _decisions(document: Document) -> Iterator[Lever]:
+    """Yield levers of what the task file decides and the planner could: order, arms, mode."""
+    data = document.data
+    if data.get("order", "given") == "given":
+        yield Lever("order", "given to optimise", "search", {"tasks:/order": "optimise"})
+    # The giver of a hand-over and of a bare move stays.
+    tasks = [
+        (k, task)
+        for k, task in enumerate(document.listed("tasks"))
+        if isinstance(task, dict)
+        and task.get("arm") in ("left", "right")
+        and "handover" not in task
+    ]
+    if tasks:
+        values = {f"tasks:/tasks/{k}/arm": "any" for k, _ in tasks}
+        yield Lever("arms", "of the file to any", "search", values)
+        values = {"tasks:/order": "optimise", **values}
+        yield Lever("arms and order", "of the file to any", "search", values)
+    mode = data.get("mode", "paired")
+    alternative = "free" if mode == "paired" else "paired"
+    yield Lever("mode", f"{mode} to {alternative}", "search", {"tasks:/mode": alternative})
+
+
+def _frames(cell: Document) -> Iterator[Lever]:
+    """Yield levers of the places of frames: along each axis, and about the vertical one."""
+    frames = cell.data.get("frames")
+    by, turn = read_amount(SIZES.shift), read_amount(SIZES.turn)
+    for name, frame in frames.items() if isinstance(frames, dict) else ():
+        if not isinstance(frame, dict) or not isinstance(frame.get("xyz"), list):
+            continue
+        turns = frame.get("rpy", [0, 0, 0])
+        for sign, word in ((1, "+"), (-1, "-")):
+            for axis, letter in enumerate("xyz"):
+                old = read_amount(frame["xyz"][axis])
+                new = shifted(old, Amount(sign * by.number, by.unit, by.factor, by.base)).written
+                at = f"cell:{to_pointer(('frames', name, 'xyz', axis))}"
+                yield Lever(f"frame {name}: {letter}", word + by.shown, "layout", {at: new})
+            if "quat" in frame or not isinstance(turns, list):
+                continue
+            added = Amount(sign * turn.number, turn.unit, turn.factor, turn.base)
+            new_turns = [*turns[:2], shifted(read_amount(turns[2]), added).written]
+            at = f"cell:{to_pointer(('frames', name, 'rpy'))}"
+            yield Lever(f"frame {name}: yaw", word + turn.shown, "layout", {at: new_turns})
+
+
+def _joints(documents: Mapping[str, Document]) -> Iterator[Lever]:
+    """Yield levers of the acceleration and jerk of joints: all, of the platform, and each one."""
+    faster = _times(SIZES.faster)
+    every: list[tuple[str, Loc]] = []
+    for role, document in documents.items():
+        limits = document.data.get("limits")
+        if not role.startswith("robot") or not isinstance(limits, dict):
+            continue
+        by_joint = {
+            joint: [
+                (role, ("limits", joint, key)) for key in ("acceleration", "jerk") if key in rates
+            ]
+            for joint, rates in limits.items()
+            if isinstance(rates, dict)
+        }
+        every += [place for places in by_joint.values() for place in places]
+        platform = document.data.get("platform")
+        joints = [platform] if isinstance(platform, str) else platform or []
+        turning = [place for joint in joints for place in by_joint.get(joint, [])]
+        yield from _lever("acceleration of the platform", "robot", documents, turning, faster)
+        side = role.partition(".")[2]
+        for joint, places in by_joint.items():
+            if joint not in joints:
+                name = f"acceleration of {side} {joint}" if side else f"acceleration of {joint}"
+                yield from _lever(name, "robot", documents, places, faster)
+    yield from _lever("acceleration of all joints", "robot", documents, every, faster)

@@ -1,0 +1,157 @@
+"""Document of `dualarm why`: critical path, slack, levers and combinations, JSON-ready."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dualarm_cli import __version__
+from dualarm_cli.levers.changes import Lever
+from dualarm_cli.levers.estimates import Estimate
+from dualarm_cli.levers.replanning import Replanned
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.report import comparisons as members
+from dualarm_cli.report.critical_path import CriticalPath, critical_path
+
+
+def why_document(
+    schedule: Schedule,
+    job: Job,
+    case: str,
+    estimates: Sequence[Estimate],
+    replanned: Sequence[Replanned],
+) -> members.WhyReport:
+    """Compose the document.
+
+    Args:
+        schedule: the plan.
+        job: its job.
+        case: name of its task file.
+        estimates: of all levers, largest first.
+        replanned: levers and combinations that were re-planned.
+    """
+    path = critical_path(schedule)
+    alone = {result.names[0]: result for result in replanned if len(result.levers) == 1}
+    ranked = sorted(estimates, key=lambda e: -_rank(e, alone.get(str(e.lever))))
+    place = {str(estimate.lever): k for k, estimate in enumerate(ranked)}
+    together = sorted(
+        (result for result in replanned if len(result.levers) > 1),
+        key=lambda result: -(result.gain or 0.0),
+    )
+    required = None if job.budget is None else job.budget.cycle_time
+    return {
+        "format": "dualarm.why/1",
+        "version": __version__,
+        "job": case,
+        "effort": str(schedule.provenance.settings.get("effort", "")),
+        "cycle_time": schedule.duration,
+        "required": required,
+        "shares": [
+            {"group": group, "kind": kind, "time": time}
+            for (group, kind), time in path.seconds().items()
+        ],
+        "critical_path": _links(path),
+        "pieces": [_piece(path, k) for k in range(len(path.pieces))],
+        "levers": [_lever(estimate, alone.get(str(estimate.lever))) for estimate in ranked],
+        "combinations": [
+            {
+                "levers": [place[name] for name in result.names],
+                "status": result.evaluation.status,
+                "cycle_time": result.evaluation.cycle_time if result.gain is not None else None,
+                "gain": result.gain,
+            }
+            for result in together
+        ],
+        "sentences": sentences(schedule, required, replanned),
+    }
+
+
+def _rank(estimate: Estimate, result: Replanned | None) -> float:
+    """Rank a lever: by its verified gain, else by its estimate, the others last."""
+    if result is not None:
+        return -1e6 if result.gain is None else result.gain
+    return -1e9 if estimate.gain is None else estimate.gain
+
+
+def _links(path: CriticalPath) -> list[members.WhyLink]:
+    index = {id(piece): k for k, piece in enumerate(path.pieces)}
+    return [
+        {"piece": None if piece is None else index[id(piece)], "start": start, "end": end}
+        for piece, start, end in path.chain
+    ]
+
+
+def _piece(path: CriticalPath, k: int) -> members.WhyPiece:
+    piece = path.pieces[k]
+    return {
+        "group": piece.group,
+        "kind": piece.kind,
+        "task": piece.task,
+        "action": piece.action,
+        "stage": piece.stage + 1,
+        "start": piece.start,
+        "end": piece.end,
+        "length": piece.length,
+        "slack": piece.slack,
+    }
+
+
+def _lever(estimate: Estimate, result: Replanned | None) -> members.WhyLever:
+    lever: Lever = estimate.lever
+    has_plan = result is not None and result.gain is not None
+    return {
+        "name": lever.name,
+        "change": lever.change,
+        "kind": lever.kind,
+        "values": dict(lever.values),
+        "estimate": estimate.gain,
+        "reason": estimate.reason,
+        "status": "" if result is None else result.evaluation.status,
+        "cycle_time": result.evaluation.cycle_time if result is not None and has_plan else None,
+        "gain": None if result is None else result.gain,
+    }
+
+
+def best_set(replanned: Sequence[Replanned], required: float | None) -> Replanned | None:
+    """Select what to apply: the fewest levers that meet the budget, else the largest gain.
+
+    Another robot is no change of the cell, and is left out.
+    """
+    usable = [
+        result
+        for result in replanned
+        if result.gain is not None
+        and result.gain > 0.0
+        and all(lever.kind != "robot" for lever in result.levers)
+    ]
+    meets = [
+        result
+        for result in usable
+        if required is not None and (result.evaluation.cycle_time or 0.0) <= required
+    ]
+    if meets:
+        return min(meets, key=lambda result: (len(result.levers), result.gain or 0.0))
+    return max(usable, key=lambda result: result.gain or 0.0, default=None)
+
+
+def sentences(
+    schedule: Schedule, required: float | None, replanned: Sequence[Replanned]
+) -> list[str]:
+    """Say what meets the budget, or what helps most."""
+    best = best_set(replanned, required)
+    words = []
+    if required is not None and schedule.duration <= required:
+        words.append(f"the budget of {required:g} s is met: {schedule.duration:.3f} s")
+    if best is not None:
+        time = best.evaluation.cycle_time or 0.0
+        levers = " and ".join(best.names)
+        both = " together" if len(best.levers) > 1 else ""
+        gives = f"{levers}{both} give{'' if both else 's'} {time:.3f} s, verified"
+        if required is None or schedule.duration <= required:
+            share = (best.gain or 0.0) / schedule.duration
+            words.append(f"most of what was re-planned: {gives} ({-share:.1%})")
+        elif time <= required:
+            words.append(f"needs {required:g} s: {gives}")
+        else:
+            words.append(f"needs {required:g} s, which nothing that was re-planned gives: {gives}")
+    return words

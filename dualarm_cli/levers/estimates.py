@@ -1,0 +1,97 @@
+"""Estimated gain of levers: the pieces of the plan, re-timed under each changed job."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dualarm_cli.errors import DualArmError
+from dualarm_cli.files.source.projects import Project
+from dualarm_cli.files.studies.studies import job_documents
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinematics.dynamics import limits_torques
+from dualarm_cli.levers.changes import CLEARANCE, MASS, Lever, levers
+from dualarm_cli.levers.kept_plan import KeptPlan
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.records import dataclass
+from dualarm_cli.report.critical_path import retimed
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated gain of a lever."""
+
+    lever: Lever
+    """The lever."""
+    gain: float | None
+    """Cycle time of the plan less that of the re-timed plan [s]; None if not estimated."""
+    reason: str = ""
+    """Why it is not estimated; empty if it is."""
+
+
+def estimated_levers(schedule: Schedule, job: Job, tasks: Path) -> list[Estimate]:
+    """List the levers of a plan with their estimated gain, largest first.
+
+    A frame keeps the better direction along each axis. Levers that are not estimated come last.
+
+    Args:
+        schedule: the plan.
+        job: its job.
+        tasks: its task file.
+    """
+    documents = job_documents(Project.of(tasks), tasks, tasks.name)
+    kept = KeptPlan(schedule, job)
+    candidates = [lever for lever in levers(documents) if _matters(lever, schedule, job)]
+    lengths, reasons = [], {}
+    for k, lever in enumerate(candidates):
+        try:
+            length = _lengths(kept, lever, tasks)
+        except DualArmError as error:
+            reasons[k] = str(error)
+            continue
+        if isinstance(length, str):
+            reasons[k] = length
+        else:
+            lengths.append((k, length))
+    times = retimed(schedule, kept.pieces, np.array([row for _, row in lengths])) if lengths else ()
+    gains = {
+        k: schedule.duration - float(time) for (k, _), time in zip(lengths, times, strict=True)
+    }
+    estimates = [
+        Estimate(lever, gains.get(k), reasons.get(k, "")) for k, lever in enumerate(candidates)
+    ]
+    return _ranked(estimates)
+
+
+def _matters(lever: Lever, schedule: Schedule, job: Job) -> bool:
+    """Return whether a lever may change a plan."""
+    if lever.name == MASS:
+        return limits_torques(job.cell)
+    return lever.name != CLEARANCE or schedule.clearance_cost != 0.0
+
+
+def _lengths(kept: KeptPlan, lever: Lever, tasks: Path) -> np.ndarray | str:
+    """Estimate the times of the plan's pieces, or explain why they are not estimated."""
+    changed = load_job(tasks, tasks.name, lever.values)
+    if not lever.is_modelled:
+        return "only another plan shows it"
+    if not kept.is_modelled:
+        return "its kind of work has no model of times"
+    lengths = kept.lengths(changed)
+    return "a posture of the plan is out of reach then" if lengths is None else lengths
+
+
+def _ranked(estimates: Sequence[Estimate]) -> list[Estimate]:
+    best: dict[str, Estimate] = {}
+    for estimate in estimates:
+        name = estimate.lever.name
+        if name not in best or _gain(estimate) > _gain(best[name]):
+            best[name] = estimate
+    return sorted(best.values(), key=lambda estimate: -_gain(estimate))
+
+
+def _gain(estimate: Estimate) -> float:
+    return -np.inf if estimate.gain is None else estimate.gain

@@ -1,0 +1,182 @@
+"""Re-planned levers: the largest estimates by themselves and together, planned and verified anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field, replace
+from itertools import combinations
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from dualarm_cli.evaluation.answers import Run, answers
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.evaluation.store import Store
+from dualarm_cli.levers.changes import Lever
+from dualarm_cli.levers.estimates import Estimate
+from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.records import dataclass
+
+SETTINGS = ("timing", "blend", "effort", "seed")
+
+
+@dataclass(frozen=True)
+class ReplanSettings:
+    """Numbers of plans that are re-planned."""
+
+    singles: int = 4
+    """Number of estimated levers that are planned by themselves, largest first."""
+    searched: int = 1
+    """Number of levers without an estimate that are planned by themselves."""
+    together: int = 3
+    """Largest number of levers in a combination; there is one combination of each size."""
+
+
+REPLAN = ReplanSettings()
+
+
+@dataclass(frozen=True)
+class Replanned:
+    """Levers together, planned and verified."""
+
+    levers: tuple[Lever, ...]
+    """The levers."""
+    evaluation: Evaluation
+    """Result of the changed job."""
+    gain: float | None
+    """Cycle time gained over the plan [s]; None without a verified plan."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the levers with their changes."""
+        return [str(lever) for lever in self.levers]
+
+
+@dataclass
+class Replanner:
+    """Planner of changed jobs within a budget of time."""
+
+    schedule: Schedule
+    """The plan that levers are compared with."""
+    request: Request
+    """Request of the unchanged job."""
+    run: Run
+    """Function that evaluates requests."""
+    store: Store | None
+    """Store of evaluations, or None."""
+    until: float | None = None
+    """Instant of the monotonic clock after which nothing is begun [s], or None."""
+    batch: int = 2
+    """Number of plans that are begun together, if there is a limit of time."""
+    tell: Callable[[int, str], None] = lambda done, words: None
+    """Progress callback: number of finished plans, and words."""
+    results: list[Replanned] = field(default_factory=list)
+    """All results so far."""
+
+    def plan(self, sets: Sequence[tuple[Lever, ...]]) -> list[Replanned]:
+        """Plan sets of levers in order, as far as the time allows; return the new results."""
+        planned = {frozenset(map(str, result.levers)) for result in self.results}
+        left = [levers for levers in sets if frozenset(map(str, levers)) not in planned]
+        fresh: list[Replanned] = []
+        while left and (self.until is None or monotonic() < self.until):
+            count = len(left) if self.until is None else self.batch
+            now, left = left[:count], left[count:]
+            requests = [replace(self.request, overrides=merged(levers)) for levers in now]
+            by_index: dict[int, Replanned] = {}
+            for answer in answers(requests, self.run, self.store):
+                evaluation = answer.evaluation
+                time = evaluation.cycle_time if evaluation.has_plan else None
+                gain = None if time is None else self.schedule.duration - time
+                by_index[answer.index] = Replanned(now[answer.index], evaluation, gain)
+                self.tell(len(self.results) + len(fresh) + len(by_index), "")
+            fresh += [by_index[k] for k in sorted(by_index)]
+        self.results += fresh
+        return fresh
+
+
+def merged(levers: Sequence[Lever]) -> dict[str, Any]:
+    """Merge the values of levers that do not exclude each other."""
+    return {key: value for lever in levers for key, value in lever.values.items()}
+
+
+def request_of(schedule: Schedule, tasks: Path, case: str) -> Request:
+    """Build the request that plans a job with the settings of a schedule."""
+    recorded, default = schedule.provenance.settings, PlanSettings()
+    chosen: dict[str, Any] = {name: recorded[name] for name in SETTINGS}
+    if recorded["platform"] != default.platform:
+        chosen["platform"] = recorded["platform"]
+    return Request.of(tasks, case, **chosen)
+
+
+def replan(
+    replanner: Replanner, estimates: Sequence[Estimate], target: float | None
+) -> list[Replanned]:
+    """Plan the largest levers by themselves, then the best of them together.
+
+    Args:
+        replanner: plans changed jobs.
+        estimates: of all levers, largest first.
+        target: cycle time that is required [s], or None.
+
+    Returns:
+        Combinations, shortest cycle first; single levers are among the results of the replanner.
+    """
+    estimated = [e.lever for e in estimates if e.gain is not None and e.gain > 0.0]
+    free = [lever for lever in estimated if lever.kind != "robot"]
+    unestimated = [e.lever for e in estimates if e.gain is None and not e.lever.is_modelled]
+    singles = [*free[: REPLAN.singles], *unestimated[: REPLAN.searched]]
+    singles += [lever for lever in estimated if lever.kind == "robot"][:1]
+    replanner.plan([(lever,) for lever in singles])
+    gains: dict[str, float] = {str(e.lever): e.gain for e in estimates if e.gain is not None}
+    gains |= {r.names[0]: r.gain or 0.0 for r in replanner.results}
+    usable = [lever for lever in (*free, *unestimated) if gains.get(str(lever), 0.0) > 0.0]
+    usable.sort(key=lambda lever: -gains[str(lever)])
+    # A lever that is a part of a larger one adds nothing to combinations.
+    usable = [
+        lever
+        for k, lever in enumerate(usable)
+        if not any(lever.values.keys() < larger.values.keys() for larger in usable[:k])
+    ]
+    sets = [
+        best
+        for size in range(2, REPLAN.together + 1)
+        if (best := _best(usable, size, gains)) is not None
+    ]
+    if target is not None:
+        needed = replanner.schedule.duration - target
+        sets = [*_least(usable, gains, needed), *sets]
+    together = replanner.plan(sets)
+    return sorted(together, key=lambda result: -(result.gain or 0.0))
+
+
+def _best(
+    levers: Sequence[Lever], size: int, gains: Mapping[str, float]
+) -> tuple[Lever, ...] | None:
+    """Select the levers that gain most together, if gains add up; None if too few exist."""
+    sets = _compatible(levers[: 2 * REPLAN.together + size], size)
+    return max(sets, key=lambda members: sum(gains[str(lever)] for lever in members), default=None)
+
+
+def _least(
+    levers: Sequence[Lever], gains: Mapping[str, float], needed: float
+) -> list[tuple[Lever, ...]]:
+    """Select the fewest levers whose gains add up to what is needed [s], if any do."""
+    for size in range(1, REPLAN.together + 1):
+        enough = [
+            members
+            for members in _compatible(levers[: 2 * REPLAN.together + size], size)
+            if sum(gains[str(lever)] for lever in members) >= needed
+        ]
+        if enough:
+            return [min(enough, key=lambda members: sum(gains[str(lever)] for lever in members))]
+    return []
+
+
+def _compatible(levers: Sequence[Lever], size: int) -> list[tuple[Lever, ...]]:
+    return [
+        members
+        for members in combinations(levers, size)
+        if not any(a.excludes(b) for a, b in combinations(members, 2))
+    ]

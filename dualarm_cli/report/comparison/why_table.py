@@ -1,0 +1,94 @@
+"""`dualarm why` as tables and sentences for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from dualarm_cli.report.printable import numbers
+
+MOST_LEVERS = 15
+"""Maximum number of levers in the table."""
+KINDS = ("transfer", "turn", "approach", "dwell", "retract", "return", "path", "seam", "wait")
+"""Kinds of pieces in the order of their columns."""
+
+
+def shares_table(document: Mapping[str, Any]) -> Table:
+    """Build the table of the critical path by group and kind."""
+    time = {(row["group"], row["kind"]): row["time"] for row in document["shares"]}
+    kinds = [kind for kind in KINDS if any(kind == name for _, name in time)]
+    groups = list(dict.fromkeys(group for group, _ in time))
+    total = document["cycle_time"]
+    title = f"critical path of {total:.3f} s [s]"
+    table = Table("", *numbers(*kinds, "sum", "%"), title=escape(title), title_justify="left")
+    for group in groups:
+        cells = [time.get((group, kind), 0.0) for kind in kinds]
+        shown = [f"{cell:.2f}" if cell else "" for cell in cells]
+        share = f"{100.0 * sum(cells) / total:.1f}"
+        table.add_row(escape(group or "none"), *shown, f"{sum(cells):.2f}", share)
+    return table
+
+
+def levers_table(document: Mapping[str, Any], every: bool = False) -> Table:
+    """Build the table of levers, largest gain first."""
+    rows = document["levers"]
+    shown = [row for row in rows if every or _is_shown(row)]
+    shown = shown if every else shown[:MOST_LEVERS]
+    title = f"levers: {len(shown)} of {len(rows)}; gain estimated, and re-planned"
+    heads = numbers("estimate s", "gain s", "%", no_wrap=True)
+    table = Table("lever", "change", *heads, title=title, title_justify="left")
+    for row in shown:
+        estimate = "?" if row["estimate"] is None else f"{row['estimate']:.3f}"
+        gain = "no plan" if row["status"] else ""
+        if row["gain"] is not None:
+            gain = f"{row['gain']:.3f}"
+        best = row["gain"] if row["gain"] is not None else row["estimate"]
+        share = "" if best is None else f"{100.0 * best / document['cycle_time']:.1f}"
+        style = "green" if row["gain"] is not None and row["gain"] > 0.0 else ""
+        table.add_row(
+            escape(row["name"]), escape(row["change"]), estimate, gain, share, style=style
+        )
+    return table
+
+
+def _is_shown(row: Mapping[str, Any]) -> bool:
+    return bool(row["status"]) or (row["estimate"] or 0.0) > 0.0
+
+
+def combinations_table(document: Mapping[str, Any]) -> Table:
+    """Build the table of levers together."""
+    heads = numbers("cycle s", "gain s", "%", no_wrap=True)
+    title = "together, re-planned and verified"
+    table = Table("levers", *heads, title=title, title_justify="left")
+    levers = document["levers"]
+    for row in document["combinations"]:
+        names = ", ".join(f"{levers[k]['name']} {levers[k]['change']}" for k in row["levers"])
+        if row["gain"] is None:
+            table.add_row(escape(names), "no plan", "", "")
+            continue
+        share = f"{100.0 * row['gain'] / document['cycle_time']:.1f}"
+        table.add_row(escape(names), f"{row['cycle_time']:.3f}", f"{row['gain']:.3f}", share)
+    return table
+
+
+def stages_table(document: Mapping[str, Any]) -> Table:
+    """Build the table of stages: what decides each, and the slack of the others."""
+    table = Table("stage", *numbers("start s"), "decided by", "slack of others [ms]")
+    pieces = document["pieces"]
+    chain = [
+        pieces[link["piece"]] for link in document["critical_path"] if link["piece"] is not None
+    ]
+    for stage in sorted({piece["stage"] for piece in pieces}):
+        inside = [piece for piece in pieces if piece["stage"] == stage]
+        decided = [f"{p['group']} {p['kind']}" for p in chain if p["stage"] == stage]
+        least: dict[str, float] = {}
+        for piece in inside:
+            group = piece["group"]
+            least[group] = min(piece["slack"], least.get(group, piece["slack"]))
+        slack = [f"{g} {1e3 * t:.0f}" for g, t in least.items() if t > 1e-6]
+        start = min(piece["start"] for piece in inside)
+        table.add_row(str(stage), f"{start:.3f}", ", ".join(decided), ", ".join(slack))
+    return table
