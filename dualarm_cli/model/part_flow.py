@@ -14,6 +14,8 @@ from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.records import dataclass
 
+ON_AXIS = 1e-6
+"""Largest distance between the z axes of tool and part for common turns [m, rad]."""
 PlaceIndex = tuple[int, int, int]
 """Numbers of a place along x, along y and upwards, from 1."""
 PlaceOrder = Literal["rows", "columns", "snake"]
@@ -181,7 +183,7 @@ class Grasp:
     """Position of a tool on a part while it holds it."""
 
     name: str
-    """Name in the cell file."""
+    """Name in the cell file, with tilt, area or turn."""
     pose: pin.SE3
     """Fixed tool centre point in the part's frame."""
     free_yaw: bool = False
@@ -192,6 +194,14 @@ class Grasp:
     """Length of the straight approach to a target [m]; None for the task's."""
     retract: float | None = None
     """Length of the straight retract from a target [m]; None for the task's."""
+    of: str = ""
+    """Name in the cell file, without tilt, area or turn."""
+
+    @property
+    def is_on_axis(self) -> bool:
+        """Whether the tool's z axis is that of the part, up to its direction."""
+        offsets = (*self.pose.rotation[:2, 2], *self.pose.translation[:2])
+        return all(abs(offset) <= ON_AXIS for offset in offsets)
 
 
 def part_as_held(part: str, how: str) -> str:

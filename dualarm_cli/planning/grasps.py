@@ -54,7 +54,7 @@ def possible_grasps(
     faults: dict[tuple[str, int], list[Refusal]] = {}
     remaining: list[Refusal] = []
     open_ids = {task.id for task in job.tasks if task.grasps}
-    for k, single in enumerate(_singles(job) or [{}]):
+    for k, single in enumerate(_singles(job)):
         for fault in find(job.with_grasps(single)):
             if fault.task in open_ids:
                 faults.setdefault((fault.task, k), []).append(fault)
@@ -73,8 +73,8 @@ def possible_grasps(
 
 
 def _singles(job: Job) -> list[Choice]:
-    """List the choices of the k-th grasp of every task, for all k."""
-    longest = max((len(task.grasps) for task in job.tasks), default=0)
+    """List the choices of every task's k-th grasp, for all k; at least an empty one."""
+    longest = max([1, *(len(task.grasps) for task in job.tasks)])
     return [
         {t.id: _name(t.grasps[k if k < len(t.grasps) else 0]) for t in job.tasks if t.grasps}
         for k in range(longest)

@@ -123,6 +123,51 @@ def test_turns_of_target_and_grasp_add_up(block: Path, change: Change) -> None:
         assert isinstance(stop.target, PoseTarget) and stop.target.free_yaw
 
 
+def test_a_symmetric_part_is_gripped_from_every_side(block: Path, change: Change) -> None:
+    """Four quarter turns of a grasp off the axis; one on the axis has four equal turns itself, with its own two."""
+    change("cell.yaml", "    mass: 2 kg", "    symmetry: 4\n    mass: 2 kg")
+    tasks = by_name()
+    assert list(tasks) == ["top", "side", "side/90 deg", "side/180 deg", "side/270 deg"]
+    top = tasks["top"].stops[0].target
+    assert isinstance(top, PoseTarget) and top.symmetry == 4
+    # The tool of `side` is 20 mm along x of the part and looks along -x; the bin is turned by 90 degrees.
+    around = {name: pose(tasks[name].stops[0]) for name in list(tasks)[1:]}
+    assert around["side"].translation == pytest.approx([0.4, 0.12, 0.74])
+    assert around["side/90 deg"].translation == pytest.approx([0.38, 0.1, 0.74])
+    assert around["side/180 deg"].translation == pytest.approx([0.4, 0.08, 0.74])
+    assert around["side/270 deg"].rotation[:, 2] == pytest.approx([-1, 0, 0], abs=1e-12)
+    change("tasks.yaml", "part: block", "part: block\n    grasp: side")
+    assert list(by_name()) == list(tasks)[1:]
+
+
+def test_a_tool_may_tilt_and_grip_within_an_area(block: Path, change: Change) -> None:
+    """By hand in the tool's frame: its z axis leans by 30° in four directions; corners of 40 mm by 20 mm."""
+    change("cell.yaml", "symmetry: 2,", "free: {tilt: 30 deg, area: [40 mm, 20 mm]},")
+    change("tasks.yaml", "part: block", "part: block\n    grasp: top")
+    tasks = by_name()
+    stated = pose(tasks["top"].stops[0])
+    offsets = {name: stated.inverse() * pose(task.stops[0]) for name, task in tasks.items()}
+    leans = {
+        "top/tilt +x": [0, -0.5, np.sqrt(0.75)],
+        "top/tilt -x": [0, 0.5, np.sqrt(0.75)],
+        "top/tilt +y": [0.5, 0, np.sqrt(0.75)],
+        "top/tilt -y": [-0.5, 0, np.sqrt(0.75)],
+    }
+    for name, lean in leans.items():
+        assert offsets[name].rotation[:, 2] == pytest.approx(lean)
+        assert offsets[name].translation == pytest.approx(np.zeros(3))
+    corners = [o for name, o in offsets.items() if "/area" in name]
+    assert {tuple(np.round(o.translation, 9)) for o in corners} == {
+        (x, y, 0.0) for x in (-0.02, 0.02) for y in (-0.01, 0.01)
+    }
+    assert len(tasks) == 9
+    for task in tasks.values():
+        pick, place = map(pose, task.stops)
+        # The part goes to where the file has it, whatever the tool does.
+        moved = place * pick.inverse()
+        assert moved.act(np.array([0.4, 0.1, 0.7])) == pytest.approx([0.2, 0.5, 0.7])
+
+
 def test_lines_of_the_task_come_before_those_of_the_grasp(block: Path, change: Change) -> None:
     """Then those of the grasp, then the defaults."""
     change("tasks.yaml", "part: block", "part: block\n    approach: 10 mm")
@@ -153,9 +198,13 @@ def test_a_part_without_grasps_keeps_the_pose_of_the_tool(block: Path, change: C
         ("tasks.yaml", ("part: block", "part: plain\n    grasp: top"), "tasks.yaml:9:12: E300 part 'plain' has no grasps; name them in the cell file, or remove 'grasp'"),
         ("tasks.yaml", ("    part: block\n", "    grasp: top\n"), "tasks.yaml:8:12: E300 the task carries no part; name them in the cell file, or remove 'grasp'"),
         ("tasks.yaml", ("pick: {at: bin, xyz: [0, 0, 0]}", "pick: {joints: [0, 0]}"), "tasks.yaml:9:20: E300 the part has grasps, so its targets are poses of the part, which joint positions do not give; give xyz, with rpy or quat"),
-        ("tasks.yaml", ("0.7]}", "0.7], free: yaw}"), "tasks.yaml:10:41: E300 it turns the part about its z axis, which is not the tool's in grasp 'side'; remove 'free', or that grasp from the task"),
+        ("tasks.yaml", ("0.7]}", "0.7], free: yaw}"), "tasks.yaml:10:41: E300 it turns the part about its z axis, which is not the tool's in grasp 'side'; remove 'free', or that grasp from the task, or give the part `symmetry`"),
         ("tasks.yaml", ("    place:", "    handover: {xyz: [0.3, 0, 1], grip: {xyz: [0, 0, 0.1]}}\n    place:"), "tasks.yaml:10:15: E310 part 'block' has grasps, which do not go with 'handover' in this version; name a part without them"),
         ("cell.yaml", ("symmetry: 2", "symmetry: 2, free: yaw"), "cell.yaml:16:56: E200 a part that is round looks the same at every turn; keep 'free'"),
+        ("cell.yaml", ("    mass: 2 kg", "    symmetry: 30\n    mass: 2 kg"), "cell.yaml:16:5: E300 part 'block' has 31 grasps with their turns, tilts and areas; at most 24: lower 'symmetry', or remove grasps or their 'free'"),
+        ("cell.yaml", ("plain: {", "plain: {symmetry: 2, "), "cell.yaml:18:11: E200 it repeats grasps; name 'grasps', or remove it"),
+        ("cell.yaml", ("symmetry: 2", "free: {tilt: 90 deg}"), "cell.yaml:16:69: E200 '90 deg': angle must be at most 1.0472"),
+        ("cell.yaml", ("symmetry: 2", "free: {area: 20 mm}"), "cell.yaml:16:69: E200 must be a list, such as [a, b], not '20 mm'"),
         ("cell.yaml", ("symmetry: 2", "symmetry: 0"), "cell.yaml:16:66: E200 0 must be at least 1"),
         ("cell.yaml", ("symmetry: 2", "free: tilt"), "cell.yaml:16:62: E200 'tilt' is not allowed; allowed: yaw"),
         ("cell.yaml", ("approach: 50 mm", "approach: -1 mm"), "cell.yaml:16:79: E200 '-1 mm': length must be at least 0"),

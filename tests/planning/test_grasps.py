@@ -97,6 +97,38 @@ def test_impossible_grasps_are_left_out(pegs: Job) -> None:
         plan_without_bound(only, SETTINGS)
 
 
+def test_a_single_possible_grasp_is_taken(pegs: Job) -> None:
+    """One of two grasps of every task is in the table: the plan is that of the other one."""
+    tasks = [dataclasses.replace(t, grasps=(t.grasps[2], t.grasps[0])) for t in pegs.tasks]
+    job = dataclasses.replace(pegs, tasks=tuple(tasks))
+    top = {"a": "top", "b": "top"}
+    alone = plan_without_bound(pegs.with_grasps(top), SETTINGS)
+    schedule = plan_without_bound(job, SETTINGS)
+    assert schedule.duration == pytest.approx(alone.duration, abs=1e-9)
+    assert {event.grasp for event in schedule.events} == {"top"}
+
+
+def test_a_tool_tilts_past_a_beam(tmp_path: Path) -> None:
+    """Straight down the last link would touch it."""
+    (tmp_path / "dualarm.toml").write_text("")
+    beam = "obstacles: {beam: {box: [0.3, 0.02, 0.02], xyz: [0.5, 0.25, 0.26]}, "
+    head, _, rest = CELL.replace("obstacles: {", beam).partition("      turned:")
+    tasks = "".join(TASKS.partition("  - id: b")[0]).replace(", rpy: [0, 0, 100 deg]", "")
+    (tmp_path / "tasks.yaml").write_text(tasks)
+    cell = head + "clearance:" + rest.partition("clearance:")[2]
+    (tmp_path / "cell.yaml").write_text(cell)
+    with pytest.raises(InfeasibleError, match="link_7 and beam"):
+        plan_without_bound(load_job(tmp_path / "tasks.yaml"), SETTINGS)
+    tilted = cell.replace("[180 deg, 0, 0]", "[180 deg, 0, 0], free: {tilt: 15 deg}")
+    (tmp_path / "cell.yaml").write_text(tilted)
+    job = load_job(tmp_path / "tasks.yaml")
+    schedule = plan_without_bound(job, SETTINGS)
+    [pick, place] = schedule.events
+    assert pick.grasp == place.grasp == "top/tilt +x"
+    assert pick.pose.rotation[2, 2] == pytest.approx(-np.cos(np.deg2rad(15.0)), abs=1e-6)
+    assert verify(schedule, job, clearance=True).passed
+
+
 def test_the_ranking_has_the_best_of_all_choices_on_the_nodes(pegs: Job) -> None:
     """Against enumeration: each choice alone, searched as a sequence without alternatives."""
     job, _ = possible_grasps(pegs, job_faults)

@@ -14,12 +14,12 @@ from pydantic import create_model
 
 from dualarm_cli.files.calibration.points import Base, read_base
 from dualarm_cli.files.cells.cell_frames import frame_pose, world_frames
+from dualarm_cli.files.cells.grasps import read_grasps
 from dualarm_cli.files.cells.grids import patterns_of, pose_ranges
 from dualarm_cli.files.cells.schema_cell import (
     CellFile,
     PairMemberSection,
     PairSection,
-    PartSection,
     ShapeSection,
     ToolSection,
     WeighedSection,
@@ -38,7 +38,6 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell, Obstacle, Tool
-from dualarm_cli.model.part_flow import Grasp
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape, uniform_inertia
 from dualarm_cli.notes import Note
@@ -178,7 +177,11 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
     obstacles = reader.obstacles(model, frames)
     tools = reader.tools(model, robot)
     parts, part_inertias = reader.parts(model)
-    grasps = {name: read_grasps(part) for name, part in model.parts.items() if part.grasps}
+    grasps = {
+        name: read_grasps(document, name, part, findings)
+        for name, part in model.parts.items()
+        if part.grasps
+    }
     added = [kind.read(reader, model, tools, frames) for kind in kinds]
     if robot is None:
         findings.fail()
@@ -214,21 +217,6 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
         for grasp in by_name.values():
             cell = cell.with_held_part(part, grasp.name, grasp.pose)
     return cell, tuple(reader.notes)
-
-
-def read_grasps(section: PartSection) -> dict[str, Grasp]:
-    """Read the grasps of a part by name."""
-    return {
-        name: Grasp(
-            name,
-            to_se3(grasp),
-            grasp.free == "yaw",
-            grasp.symmetry or 1,
-            grasp.approach,
-            grasp.retract,
-        )
-        for name, grasp in section.grasps.items()
-    }
 
 
 class CellReader:

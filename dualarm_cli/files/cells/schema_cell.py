@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
@@ -170,11 +171,29 @@ def _check_moments(moments: list[float]) -> None:
         )
 
 
+class FreeSection(Section):
+    """Freedom of a tool that grips a part."""
+
+    turn: Literal["yaw"] | None = Field(
+        default=None, description="yaw: the part is round about the tool's z axis."
+    )
+    tilt: Annotated[float, Quantity(quantities.ANGLE, 0.0, math.pi / 3.0)] = Field(
+        default=0.0,
+        description="Largest tilt of the tool about its x or y axis [rad]: grasps with it are added.",
+    )
+    area: Annotated[list[Size], Field(min_length=2, max_length=2)] | None = Field(
+        default=None,
+        description="Sides of the area along the tool's x and y axes in which it may grip [m], such as of a suction "
+        "cup on a lid: grasps at its corners are added.",
+    )
+
+
 class GraspSection(ToolPose):
     """Position of a tool on a part, with the part's symmetry about the tool's z axis."""
 
-    free: Literal["yaw"] | None = Field(
-        default=None, description="yaw: the part is round about the tool's z axis."
+    free: Annotated[FreeSection, ShortForm("turn")] | None = Field(
+        default=None,
+        description="yaw: the part is round about the tool's z axis; or more freedom, as a mapping.",
     )
     symmetry: Symmetry | None = Field(
         default=None,
@@ -191,7 +210,7 @@ class GraspSection(ToolPose):
 
     @model_validator(mode="after")
     def _one_freedom(self) -> GraspSection:
-        if self.free is not None and self.symmetry is not None:
+        if self.free is not None and self.free.turn is not None and self.symmetry is not None:
             raise refuse(
                 "a part that is round looks the same at every turn; keep 'free'", "symmetry"
             )
@@ -209,6 +228,17 @@ class PartSection(WeighedSection):
         description="Poses of the tool centre point in the part's frame, by name; with them, targets of tasks "
         "with the part are poses of the part.",
     )
+    symmetry: Symmetry | None = Field(
+        default=None,
+        description="Number of turns about the part's z axis after which it looks the same; grasps off that axis "
+        "are repeated for each.",
+    )
+
+    @model_validator(mode="after")
+    def _with_grasps(self) -> PartSection:
+        if self.symmetry is not None and not self.grasps:
+            raise refuse("it repeats grasps; name 'grasps', or remove it", "symmetry")
+        return self
 
 
 class ClearanceSection(Section):

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection
 from dataclasses import replace
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.model.job import PoseTarget, Stop, Task
@@ -17,9 +15,6 @@ if TYPE_CHECKING:
     from dualarm_cli.files.source.yaml_source import Loc
     from dualarm_cli.files.tasks.schema_tasks import TaskSection
     from dualarm_cli.files.tasks.task_reader import TaskReader
-
-COAXIAL = 1e-6
-"""Largest distance between the z axes of tool and part for common turns [m, rad]."""
 
 
 def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> list[Task]:
@@ -41,13 +36,16 @@ def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> l
             )
             reader.note((*loc, "grasp"), f"{part}; name them in the cell file, or remove 'grasp'")
         return [task]
-    names = list(grasps) if section.grasp is None else section.grasp
-    if not _are_known(reader, loc, names, grasps) or not _are_posed(reader, section, loc):
+    chosen: dict[str, list[Grasp]] = {}
+    for grasp in grasps.values():
+        chosen.setdefault(grasp.of, []).append(grasp)
+    names = list(chosen) if section.grasp is None else section.grasp
+    if not _are_known(reader, loc, names, chosen) or not _are_posed(reader, section, loc):
         return [task]
-    return [_by_grasp(reader, section, loc, task, grasps[name]) for name in names]
+    return [_by_grasp(reader, section, loc, task, g) for name in names for g in chosen[name]]
 
 
-def _are_known(reader: TaskReader, loc: Loc, names: list[str], grasps: Mapping[str, Grasp]) -> bool:
+def _are_known(reader: TaskReader, loc: Loc, names: list[str], grasps: Collection[str]) -> bool:
     """Check that a part has all named grasps; note unknown and repeated ones."""
     good = True
     for k, name in enumerate(names):
@@ -79,17 +77,15 @@ def _are_posed(reader: TaskReader, section: TaskSection, loc: Loc) -> bool:
 
 def _by_grasp(reader: TaskReader, section: TaskSection, loc: Loc, task: Task, grasp: Grasp) -> Task:
     """Build a task with one grasp: T_world_tool = T_world_part T_part_tool."""
-    tilt = float(np.hypot(*grasp.pose.rotation[:2, 2]))
-    is_coaxial = max(tilt, float(np.hypot(*grasp.pose.translation[:2]))) <= COAXIAL
 
     def held(stop: Stop) -> Stop:
         target = stop.target
         assert isinstance(target, PoseTarget)  # others are refused before
         key = "free" if target.free_yaw else "symmetry"
-        if (target.free_yaw or target.symmetry > 1) and not is_coaxial:
+        if (target.free_yaw or target.symmetry > 1) and not grasp.is_on_axis:
             message = (
                 f"it turns the part about its z axis, which is not the tool's in grasp {quote(grasp.name)}; "
-                f"remove {quote(key)}, or that grasp from the task"
+                f"remove {quote(key)}, or that grasp from the task, or give the part `symmetry`"
             )
             reader.note((*loc, stop.action, key), message)
         target = PoseTarget(
