@@ -299,6 +299,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "The arms cannot point their tools straight down over a table, or only where the robot itself stands.",
             "Shapes of links are so wide that hardly any posture is clear; `dualarm robot reach` shows what is left.",
             "Joints turn so little that a table has no room for two rows of targets for each arm.",
+            "The planner found no plan of the six picks on any table that was tried.",
         ),
         (
             "Write the cell by hand, with fewer targets, or with targets that the tools reach in another direction.",

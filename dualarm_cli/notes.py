@@ -51,6 +51,11 @@ def listed(names: Sequence[str]) -> str:
     return f"{shown} and {more} more" if more > 0 else shown
 
 
+def of_arm(arm: str, thing: str, arms: int) -> str:
+    """Name an arm's thing, such as `left tool`; `tool` for the only arm of a robot."""
+    return thing if arms == 1 else f"{arm} {thing}"
+
+
 def millimetres(length: float) -> str:
     """Format a length [m] in millimetres with a decimal; 0.0 becomes "less than 0.1"."""
     shown = f"{abs(length) * 1e3:.1f}"

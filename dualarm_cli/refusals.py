@@ -317,6 +317,9 @@ _STARTING = {
     "no_room_on_table": "no table in front of {robot} has room for two rows of {count} targets {mm:.3g} mm apart for "
     "each arm, all arms clear of each other. Write the cell by hand: `dualarm robot reach` with the folder of "
     "`dualarm robot import` shows what is reached",
+    "no_plan": "no plan was found of {count} picks for each arm, {mm:.3g} mm apart, on any table tried in front of "
+    "{robot}. Write the cell by hand: `dualarm robot reach` with the folder of `dualarm robot import` shows what is "
+    "reached",
 }
 _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E600": _ORDERS,

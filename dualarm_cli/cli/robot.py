@@ -35,6 +35,7 @@ from dualarm_cli.cli.parts.output import (
 )
 from dualarm_cli.cli.robot_reach import reach_command
 from dualarm_cli.errors import UsageError
+from dualarm_cli.notes import of_arm
 from dualarm_cli.report.printable import numbers, print_lines
 
 if TYPE_CHECKING:
@@ -116,7 +117,9 @@ def show_command(
         summary = arm["summary"]
         if arm.get("is_srs") and not details:
             summary = summary.replace(f" measured deviation: {arm['deviation']};", "")
-        print_lines(console, f"{name} arm: {summary}", f"{name} flange: link {arm['flange']}")
+        count = len(document["arms"])
+        lead, flange = of_arm(name, "arm", count), of_arm(name, "flange", count)
+        print_lines(console, f"{lead}: {summary}", f"{flange}: link {arm['flange']}")
     if details:
         print_lines(console, *(_posture_line(loaded.robot, name) for name in document["postures"]))
     else:

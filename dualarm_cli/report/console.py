@@ -13,7 +13,7 @@ from rich.table import Table
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.schedule import WORK_ENDS
 from dualarm_cli.model.verification import exceptions
-from dualarm_cli.notes import Note
+from dualarm_cli.notes import Note, of_arm
 from dualarm_cli.report.printable import numbers
 
 NOTHING = "–"
@@ -168,9 +168,9 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     lines = []
     for name, use in report["arms"].items():
         lines.append(
-            f"{name} arm: busy {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
-            f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s"
-            f"{_shares(use['dwell_shares'])}, "
+            f"{of_arm(name, 'arm', len(report['arms']))}: busy {use['utilisation']:.0%}: "
+            f"transfers {use['transfer']:.2f} s, lines {use['approach'] + use['retract']:.2f} s, "
+            f"dwells {use['dwell']:.2f} s{_shares(use['dwell_shares'])}, "
             + "".join(f"{kind}s {use[kind]:.2f} s, " for kind in WORK_ENDS if use[kind] > 0)
             + (f"return {use['return']:.2f} s, " if use["return"] > 0 else "")
             + f"waits {use['waiting']:.2f} s"

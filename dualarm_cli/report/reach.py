@@ -13,6 +13,7 @@ from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.geometry.rotations import rpy_angles
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.notes import of_arm
 from dualarm_cli.reachability.facing_tools import HandoverPose
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
 from dualarm_cli.report.comparisons import HandoverRow, ReachedFrame, ReachReport
@@ -21,11 +22,8 @@ from dualarm_cli.report.printable import numbers
 if TYPE_CHECKING:
     from rich.table import Table
 
-NOTE = (
-    "reached: a posture within all joint limits was found, without collision with the robot itself or obstacles; the "
-    "other arm is not checked"
-)
-"""Meaning of the figures."""
+NOTE = "reached: a posture within all joint limits was found, without collision with the robot itself or obstacles"
+"""Meaning of the figures; of two arms the other one is not checked."""
 
 
 def reach_document(name: str, cell: Cell, reach: ReachMap) -> ReachReport:
@@ -147,14 +145,15 @@ def ranges_of(places: Sequence[float | None], reached: Sequence[bool], rail: boo
 
 def reach_lines(document: Mapping[str, Any]) -> list[str]:
     """Compose sentences on the reach of each arm and its bounds, and lines of hand-overs."""
-    lines = []
+    lines, arms = [], min(2, len(document["positions"]))
     for who, count in document["positions"].items():
+        arm = of_arm(who, "arm", arms)
         reached = np.array(count) > 0
         if not reached.any():
             what = (
                 "the arms reach no point together"
                 if who == "both"
-                else f"the {who} arm reaches nothing"
+                else f"the {arm} reaches nothing"
             )
             lines.append(f"{what} of a table {document['height']:.3g} m high")
             continue
@@ -163,9 +162,10 @@ def reach_lines(document: Mapping[str, Any]) -> list[str]:
             f"{side[k.min()]:.3g} to {side[k.max()]:.3g} m"
             for side, k in ((document["x"], ix), (document["y"], iy))
         )
-        subject = "both arms reach" if who == "both" else f"the {who} arm reaches"
+        subject = "both arms reach" if who == "both" else f"the {arm} reaches"
         lines.append(f"{subject} points between x {x} and y {y}")
-    return [*lines, NOTE, *(_handover_lines(document) if "handovers" in document else ())]
+    note = NOTE if arms == 1 else f"{NOTE}; the other arm is not checked"
+    return [*lines, note, *(_handover_lines(document) if "handovers" in document else ())]
 
 
 def handover_rows(cell: Cell, poses: Sequence[HandoverPose], distance: float) -> list[HandoverRow]:

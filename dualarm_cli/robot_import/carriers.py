@@ -12,14 +12,14 @@ from dualarm_cli.files.robots.frozen_joints import nearest_to_zero, position_ran
 from dualarm_cli.files.robots.meshes import element_pose
 from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.notes import Note, NoteTable
+from dualarm_cli.notes import Note, NoteTable, of_arm
 from dualarm_cli.records import dataclass
 
 _note = NoteTable(
     "carriers",
     platform="platform: {name}: turns and carries both arms",
     held="{name}: {moves} and carries both arms; held at {place}; --platform {name} lets it move between stages",
-    rail="{name}: {moves} and carries the {side} arm; held at {place}; the comments of robot.yaml say how to let it "
+    rail="{name}: {moves} and carries the {arm}; held at {place}; the comments of robot.yaml say how to let it "
     "move",
 )
 
@@ -39,7 +39,7 @@ class HeldJoint:
     slides: bool
     """Flag of a sliding joint."""
     arm: str = ""
-    """Side of the arm that this joint begins, empty if it carries both."""
+    """Arm that this joint begins, as in `left arm`; empty if it carries both."""
 
     @property
     def place(self) -> str:
@@ -61,7 +61,7 @@ class HeldJoint:
     @property
     def note(self) -> Note:
         """Decision to hold the joint."""
-        data = {"name": self.joint, "side": self.arm, "place": self.place}
+        data = {"name": self.joint, "arm": self.arm, "place": self.place}
         moves = "slides" if self.slides else "turns"
         return _note("rail" if self.arm else "held", moves=moves, **data)
 
@@ -115,7 +115,8 @@ def find_platform(
     for side, first in firsts.items():
         chain = urdf.chain(urdf.joints[first].child_name("parent", "link"))
         before = [name for name in chain if name in movable and name not in platform][-1:]
-        sides |= {name: side for name in before if name not in sides and _slides(urdf, name)}
+        arm = of_arm(side, "arm", len(firsts))
+        sides |= {name: arm for name in before if name not in sides and _slides(urdf, name)}
     held = []
     for name, side in sides.items():
         joint, slides = urdf.joints[name], _slides(urdf, name)

@@ -19,13 +19,14 @@ HOME = "home"
 """Name of the posture in which plans start."""
 PROPOSED = "proposed; tools down, collision-free, away from joint limits and singular postures"
 """Comment on a proposed home posture."""
+NOT_PROPOSED = "not proposed: {why}; its joints are at 0 or nearest to it; write it under `postures` of robot.yaml"
+"""Comment on a home posture that was not found, with its reason."""
 
 
 _note = NoteTable(
     "posture",
     not_taken="posture {name} of the SRDF is not taken: {problem}",
     posture="posture {name}: {source}",
-    no_home="posture home: none of the postures tried is collision-free; all joints are at 0, write one",
 )
 
 
@@ -55,9 +56,13 @@ def find_postures(
         seed: of the sampled postures.
     """
     proposed = propose_home(robot, tcps, seed)
-    home = robot.postures[HOME] if proposed is None else _rounded(robot, proposed)
+    comments = {HOME: PROPOSED}
+    home = robot.postures[HOME]
+    if isinstance(proposed, Note):
+        comments[HOME] = NOT_PROPOSED.format(why=proposed)
+    else:
+        home = _rounded(robot, proposed)
     accepted: dict[str, FloatArray] = {}
-    comments: dict[str, str] = {}
     reasons: list[Note] = []
     # Home first, because it completes the other states.
     for name in sorted(srdf.states, key=lambda name: name != HOME):
@@ -79,11 +84,7 @@ def find_postures(
             home = posture
     if HOME not in accepted:
         accepted = {HOME: home, **accepted}
-        if proposed is None:
-            reasons.append(_note("no_home"))
-        else:
-            comments[HOME] = PROPOSED
-            reasons.append(_note("posture", name=HOME, source=PROPOSED))
+        reasons.append(_note("posture", name=HOME, source=comments[HOME]))
     values = {
         name: dict(zip(robot.joints, posture.tolist(), strict=True))
         for name, posture in accepted.items()

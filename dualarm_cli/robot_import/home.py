@@ -15,6 +15,7 @@ from dualarm_cli.kinematics.cell_model import MeasuredRobot
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import INVERSE, descend
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.notes import Note, NoteTable, of_arm
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import random_postures, sampled_range, touches
 
@@ -52,10 +53,15 @@ class HomeSettings:
 
 
 SETTINGS = HomeSettings()
+_note = NoteTable(
+    "home",
+    not_down="no posture within the joint limits was found that turns the {tools:* or the } straight down",
+    colliding="every posture tried with tools down collides",
+)
 
 
-def propose_home(robot: Robot, tcps: Mapping[str, pin.SE3], seed: int) -> FloatArray | None:
-    """Find a collision-free posture with tools down (joints,) [rad or m], or None.
+def propose_home(robot: Robot, tcps: Mapping[str, pin.SE3], seed: int) -> FloatArray | Note:
+    """Find a collision-free posture with tools down (joints,) [rad or m], or the reason for none.
 
     The platform is at 0 or nearest to it; if that collides, a sliding platform is tried in the middle and at the ends.
 
@@ -69,14 +75,19 @@ def propose_home(robot: Robot, tcps: Mapping[str, pin.SE3], seed: int) -> FloatA
     places = [np.clip(0.0, lower, upper)]
     if robot.platform and robot.sliding.issuperset(robot.platform):
         places += [0.5 * (lower + upper), upper, lower]
-    homes = (_home_at(robot, tcps, seed, place) for place in places)
-    return next((home for home in homes if home is not None), None)
+    reason = _note("colliding")
+    for place in places:
+        home = _home_at(robot, tcps, seed, place)
+        if not isinstance(home, Note):
+            return home
+        reason = home
+    return reason
 
 
 def _home_at(
     robot: Robot, tcps: Mapping[str, pin.SE3], seed: int, place: FloatArray
-) -> FloatArray | None:
-    """Find a collision-free posture for a platform position (k,), or None."""
+) -> FloatArray | Note:
+    """Find a collision-free posture for a platform position (k,), or the reason for none."""
     measured = MeasuredRobot.of(robot, pin.SE3.Identity())
     middle = np.clip(0.0, robot.limits.lower, robot.limits.upper)
     middle[robot.columns(robot.platform)] = place
@@ -92,6 +103,9 @@ def _home_at(
         q = q[np.argsort(-rating.scores(q), kind="stable")[: SETTINGS.tried]]
         q = rating.tools_down(q)
         best[arm.name] = q[np.argsort(-rating.scores(q), kind="stable")]
+    lacking = [name for name, q in best.items() if not len(q)]
+    if lacking:
+        return _note("not_down", tools=[of_arm(name, "tool", len(best)) for name in lacking])
 
     def combined(chosen: Mapping[str, FloatArray]) -> FloatArray:
         """Combine postures of arms, all other joints in the middle, shape (n, joints)."""
@@ -101,7 +115,7 @@ def _home_at(
         return rows
 
     signs = _mirror_signs(robot, middle)
-    if signs is not None and len(best["left"]):
+    if signs is not None:
         columns = robot.columns(robot.arm("right").joints)
         right = best["left"] * signs
         within = (right >= robot.limits.lower[columns]) & (right <= robot.limits.upper[columns])
@@ -115,16 +129,15 @@ def _home_at(
     free = {
         name: q[~touches(robot, combined({name: q}), [name])][: SETTINGS.few]
         for name, q in best.items()
-        if len(q)
     }
-    if len(free) < len(best) or not all(map(len, free.values())):
-        return None
+    if not all(map(len, free.values())):
+        return _note("colliding")
     # Combinations of both arms' best postures come first.
     pairs = sorted(combinations(*(range(len(q)) for q in free.values())), key=sum)
     numbers = np.array(pairs[: SETTINGS.tried])
     rows = combined({name: q[numbers[:, k]] for k, (name, q) in enumerate(free.items())})
     usable = np.flatnonzero(~touches(robot, rows, list(free)))
-    return rows[usable[0]] if len(usable) else None
+    return rows[usable[0]] if len(usable) else _note("colliding")
 
 
 @dataclass(frozen=True)

@@ -470,8 +470,8 @@ def _frozen(structure: Structure) -> list[str]:
     for held in structure.held:
         name = _text(held.joint)
         if held.arm:
-            what = f"carries the {held.arm} arm"
-            change = f"name it first in the joints of the {held.arm} arm"
+            what = f"carries the {held.arm}"
+            change = f"name it first in the joints of the {held.arm}"
         else:
             what = "carries both arms"
             change = f"write `platform: [{name}]`"

@@ -29,23 +29,23 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Arm, Robot
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.notes import Note, NoteTable
+from dualarm_cli.notes import Note, NoteTable, of_arm
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import in_model_order, random_postures
 from dualarm_cli.robot_import.structure import GRIPPER, word_among, words
 
 _note = NoteTable(
     "tools",
-    gripper="{arm} tool: along {axis} of {flange} ({why}), {mm:.4g} mm long: an assumed gripper",
-    hand="{arm} tool: along {axis} of {flange} ({why}), {mm:.4g} mm long: to the end of the robot's hand",
-    frame="{arm} tool: along {axis} of {flange} ({why}), {mm:.4g} mm long: to {frame} of the robot's hand",
-    named="{arm} tool: along {axis} of {flange} ({why}), 0 mm long: {flange} is a tool centre point by its name",
-    shapeless="{arm} tool: along {axis} of {flange} ({why}), 0 mm long: the hand {hand} has no shapes beyond it",
-    within="{arm} tool: along {axis} of {flange} ({why}), 0 mm long: {flange} is within the robot's hand",
+    gripper="{tool}: along {axis} of {flange} ({why}), {mm:.4g} mm long: an assumed gripper",
+    hand="{tool}: along {axis} of {flange} ({why}), {mm:.4g} mm long: to the end of the robot's hand",
+    frame="{tool}: along {axis} of {flange} ({why}), {mm:.4g} mm long: to {frame} of the robot's hand",
+    named="{tool}: along {axis} of {flange} ({why}), 0 mm long: {flange} is a tool centre point by its name",
+    shapeless="{tool}: along {axis} of {flange} ({why}), 0 mm long: the hand {hand} has no shapes beyond it",
+    within="{tool}: along {axis} of {flange} ({why}), 0 mm long: {flange} is within the robot's hand",
     shapes="where {links:listed} are",
     links="where {link} is, away from the wrist",
     last="where the last link's shapes are",
-    given="{arm} tool: along {axis} of {flange}, {mm:.4g} mm long: by the `tcp` of the cell",
+    given="{tool}: along {axis} of {flange}, {mm:.4g} mm long: by the `tcp` of the cell",
     guessed="guessed, as nothing stands beyond the wrist",
 )
 
@@ -100,6 +100,8 @@ _DIRECTIONS = {
 }
 """Axes of a flange, and roll, pitch, yaw from z to them [deg]."""
 _HAND_WORDS = GRIPPER | {"palm", "tcp"}
+_POINT_WORDS = frozenset(("ee", "eef", "effector", "grasp", "grasping", "tip", "tool"))
+"""Words of frames on the tool's axis that are tool centre points, if they carry nothing."""
 
 
 @dataclass(frozen=True)
@@ -176,8 +178,8 @@ def tool_notes(cell: Cell) -> list[Note]:
             continue
         axis = _nearest_axis(tcp.rotation[:, 2])
         length = 1e3 * float(norm(tcp.translation))
-        flange = cell.robot.arm(name).flange
-        notes.append(_note("given", arm=name, axis=axis, flange=flange, mm=length))
+        data = {"arm": name, "flange": cell.robot.arm(name).flange, "axis": axis, "mm": length}
+        notes.append(_note("given", tool=of_arm(name, "tool", len(cell.robot.arms)), **data))
     return notes
 
 
@@ -191,6 +193,8 @@ class _Beyond:
     """Origins of the hand's links [m]."""
     shaped: tuple[str, ...]
     """Links of the hand with shapes."""
+    points: tuple[str, ...]
+    """Links of the hand that are points: without shapes, and nothing is fixed to them."""
     named: str
     """Link of the hand that the robot file names, or empty."""
     hand: FloatArray
@@ -225,10 +229,12 @@ class _Beyond:
                     rows = product(surface.corners, pose.rotation.T) + pose.translation
                     corners[mesh.link].append(rows)
         hand = robot.hands[arm.name]
+        carrying = {model.frames[frame.parentFrame].name for frame in model.frames}
         return cls(
             arm.flange,
             {link: poses[link].translation for link in hand},
             tuple(link for link in hand if corners[link]),
+            tuple(link for link in hand if not corners[link] and link not in carrying),
             arm.hand,
             _box([rows for link in hand for rows in corners[link]]),
             _box([rows for link in poses if link not in hand for rows in corners[link]]),
@@ -274,7 +280,7 @@ def _outward(arm: GeneralArm, beyond: _Beyond) -> tuple[str, Note]:
     _, _, jacobian = arm.linearised(np.zeros((1, arm.axes)))
     last = product(R[0].T, jacobian[0, 3:, -1])
     farthest = max(
-        {**beyond.frames, beyond.flange: np.zeros(3)}.items(),
+        {beyond.flange: np.zeros(3), **beyond.frames}.items(),
         key=lambda item: round(float(norm(item[1] - wrist)), 9),
     )
     votes = [
@@ -305,7 +311,8 @@ def _tool(cell: Cell, arm: Arm, kinematics: GeneralArm) -> ProposedTool:
     """Propose the tool of an arm."""
     beyond = _Beyond.of(cell.robot, arm)
     axis, why = _outward(kinematics, beyond)
-    data = {"arm": arm.name, "axis": axis, "flange": arm.flange, "why": why}
+    name = of_arm(arm.name, "tool", len(cell.robot.arms))
+    data = {"arm": arm.name, "tool": name, "axis": axis, "flange": arm.flange, "why": why}
     along = np.array(_DIRECTIONS[axis][0])
     far = max(product(box, along).max() for box in (np.zeros((1, 3)), *beyond.hand, *beyond.last))
 
@@ -317,8 +324,11 @@ def _tool(cell: Cell, arm: Arm, kinematics: GeneralArm) -> ProposedTool:
     if "tcp" in words(arm.flange):
         return tool(np.zeros(3), _note("named", **data))
     for link, origin in sorted(beyond.frames.items(), key=lambda item: item[0] != arm.hand):
+        is_ahead = product(origin, along) > TOOL.beyond
         is_point = "tcp" in words(link) or (link == arm.hand and link not in beyond.shaped)
-        if is_point and product(origin, along) > TOOL.beyond:
+        if link in beyond.points and len(beyond.hand) and word_among(link, _POINT_WORDS):
+            is_point |= bool(norm(origin - product(origin, along) * along) < TOOL.away)
+        if is_ahead and is_point:
             return tool(origin, _note("frame", frame=link, mm=1e3 * float(norm(origin)), **data))
     end = 0.0
     for box in beyond.hand:

@@ -36,7 +36,7 @@ SIDES = ("left", "right")
 
 _note = NoteTable(
     "structure",
-    arm="{side} arm: {joints:*, }; flange {tip}{by}",
+    arm="{arm}: {joints:*, }; flange {tip}{by}",
     ambiguous="no {side} arm: the tree does not tell which row of joints it is, of those that end in {ends:*, }; "
     "name its end with --{side}-tip",
     grippers="joints of grippers by their names: {joints:*, }",
@@ -135,10 +135,11 @@ def find_structure(
     else:
         sides = [side for side in SIDES if side not in absent]
         arms = _arms_by_side(urdf, rows, sides, notes)
-    reasons = [
-        _note("arm", side=side, joints=arm.joints, tip=arm.tip, by=f" ({arm.by})" if arm.by else "")
-        for side, arm in arms.items()
-    ]
+    reasons = []
+    for side, arm in arms.items():
+        data = {"joints": arm.joints, "tip": arm.tip, "by": f" ({arm.by})" if arm.by else ""}
+        name = f"{side} arm" if len(arms) == 2 else "one arm"
+        reasons.append(_note("arm", side=side, arm=name, **data))
     carriers = common([urdf.chain(arm.tip) for arm in arms.values()]) if len(arms) == 2 else []
     firsts = {side: arm.joints[0] for side, arm in arms.items()}
     chosen, held, more = find_platform(urdf, carriers, firsts, platform)

@@ -17,6 +17,7 @@ from dualarm_cli.geometry import products
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.notes import of_arm
 from dualarm_cli.reachability.filling import Postures
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
 from dualarm_cli.reachability.region import (
@@ -142,14 +143,13 @@ def find_layout(bare: Cell, name: str, accepted: Callable[[Layout], bool]) -> La
     heights, reach = heights_reached(cell, here, 0.5 * here.step, lift)
     if not all(reach.reached(arm).any() for arm in reach.postures):
         raise InfeasibleError(Refusal("no_table", data={"robot": name}))
-    room = False
+    key = "no_room_for_table"
     for arms_at_home in (True, False):
         for table in _tables(cell, here, heights - lift, reach, arms_at_home):
-            room = True
             layout = _on_table(cell, tools, here, table, lift)
             if layout is not None and accepted(layout):
                 return layout
-    key = "no_room_on_table" if room else "no_room_for_table"
+            key = "no_room_on_table" if layout is None and key != "no_plan" else "no_plan"
     count, mm = LAYOUT.picks // len(tools), 1e3 * here.step
     raise InfeasibleError(Refusal(key, data={"robot": name, "count": count, "mm": mm}))
 
@@ -251,7 +251,8 @@ def _home_fault(cell: Cell, top: float) -> str:
             )
     for arm in model.arms:
         if (low := top - model.tool_position(arm, home)[2]) >= 0.0:
-            return f"at home the {arm} tool is {1e3 * low:.0f} mm below the table's top"
+            tool = of_arm(arm, "tool", len(model.arms))
+            return f"at home the {tool} is {1e3 * low:.0f} mm below the table's top"
     return ""
 
 

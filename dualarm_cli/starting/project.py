@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from dualarm_cli.errors import InfeasibleError, OutputError
@@ -16,11 +15,9 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.notes import Note
-from dualarm_cli.planning.planned_job import resolve
-from dualarm_cli.postures.holding import Holding
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.robot_import.proposed_tool import ProposedTool
 from dualarm_cli.schemas import editor_line, schema_text
-from dualarm_cli.stages.stage_by_stage import check_stages
 from dualarm_cli.starting.layout import LAYOUT, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource
 
@@ -107,9 +104,9 @@ def start_project(folder: Path, source: RobotSource) -> tuple[list[str], list[No
             _write(project, {**source.files, "cell.yaml": _bare_cell(source).encode()})
 
             def is_planned(layout: Layout) -> bool:
-                """Write the files of a layout, and check its job as the planner does."""
+                """Write the files of a layout, and plan its job."""
                 _write(project, _files(source, layout))
-                return _has_postures(load_job(project / LAST))
+                return _has_plan(load_job(project / LAST))
 
             layout = find_layout(load_cell(project / "cell.yaml").cell, source.name, is_planned)
             files = {**source.files, **_files(source, layout)}
@@ -128,14 +125,13 @@ def start_project(folder: Path, source: RobotSource) -> tuple[list[str], list[No
     return list(files), [tool.note for tool in layout.tools.values()]
 
 
-def _has_postures(job: Job) -> bool:
-    """Check that the planner does not refuse a job, and finds its first and last lines.
+def _has_plan(job: Job) -> bool:
+    """Check that a job has a plan of the lowest effort.
 
-    They are at the outermost targets; all stages would take seconds for arms without closed forms.
+    The other efforts fall back to it.
     """
     try:
-        problem = resolve(job, PlanSettings()).problem
-        check_stages(replace(problem, holding=Holding.of(job)), (0, len(job.stages()) - 1))
+        plan_without_bound(job, PlanSettings(effort="quick"))
     except InfeasibleError:
         return False
     return True

@@ -11,6 +11,7 @@ import pytest
 
 from dualarm_cli.kinematics.cell_model import general_arms
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.notes import Note
 from dualarm_cli.robot_import.contacts import bare_cell
 from dualarm_cli.robot_import.home import Rating, propose_home
 from dualarm_cli.robot_import.importing import Imported
@@ -50,7 +51,7 @@ def test_tools_point_down_by_their_own_axis(
     turn = TURNS[axis]
     tcp = pin.SE3(turn, 0.1 * turn[:, 2])
     home = propose_home(robot, {"left": tcp, "right": tcp}, 0)
-    assert home is not None
+    assert not isinstance(home, Note)
     left, right = tools(robot, home, turn).values()
     for pose in (left, right):
         angle = np.degrees(np.arccos(-pose.rotation[2, 2]))
@@ -71,7 +72,7 @@ def test_arms_that_do_not_mirror_have_tools_down(
     robot = import_with(write_rows(row("left_", 0.3), right)).loaded.robot
     tcp = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.1]))
     home = propose_home(robot, {"left": tcp, "right": tcp}, 0)
-    assert home is not None
+    assert not isinstance(home, Note)
     for pose in tools(robot, home, np.eye(3)).values():
         assert np.degrees(np.arccos(-pose.rotation[2, 2])) < 0.2
 
@@ -105,3 +106,30 @@ def test_elbows_above_level_shoulders_count(
     up, down = (np.array([[np.pi / 2, sign, -sign, 0.0, 0.0, 0.0]]) for sign in (1.0, -1.0))
     heights = [rating.raised(q, 0.8)[0] for q in (up, down)]
     np.testing.assert_allclose(sorted(heights), [0.0, raised], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("limit", "why"),
+    [
+        (0.3, "no posture within the joint limits was found that turns the tool straight down"),
+        (2.9, "every posture tried with tools down collides"),
+    ],
+)
+def test_the_reason_for_no_home_is_told(
+    limit: float,
+    why: str,
+    row: Row,
+    write_rows: Write,
+    import_with: Import,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Three joints of 0.3 rad cannot turn an upright arm over; or all postures are said to touch."""
+    monkeypatch.setattr(
+        "dualarm_cli.robot_import.home.touches", lambda _, q, arms: np.ones(len(q), dtype=bool)
+    )
+    arm = row("", 0.0).replace('"-2.9" upper="2.9"', f'"{-limit}" upper="{limit}"')
+    found = import_with(write_rows(arm))
+    assert not found.loaded.robot.postures["home"].any()
+    sentence = f"not proposed: {why}; its joints are at 0 or nearest to it; write it under "
+    assert any(reason.startswith(f"posture home: {sentence}") for reason in found.reasons)
+    assert f"  # {sentence}" in found.files["robot.yaml"].decode()

@@ -132,6 +132,35 @@ def test_a_tool_centre_point_gets_no_second_gripper(
     assert "within the robot's hand" in tool.note or "by its name" in tool.note
 
 
+@pytest.mark.parametrize(
+    ("frame", "place", "end"),
+    [
+        ("ee_gripper_link", "0 0 0.07", 0.11),
+        ("ee_gripper_link", "0.03 0 0.07", 0.135),
+        ("wrist_camera", "0 0 0.07", 0.135),
+    ],
+)
+def test_a_frame_between_the_fingers_is_the_tool_centre_point(
+    frame: str,
+    place: str,
+    end: float,
+    row: Row,
+    write_rows: Write,
+    import_with: Import,
+    tmp_path: Path,
+) -> None:
+    """A bare frame 40 + 70 mm ahead, for the tool by its name; not one beside the axis, or of a camera."""
+    palm = link("gripper_link", "l6", 0.0, ((-0.03, -0.05, 0.0), (0.03, 0.05, 0.06)))
+    point = link(frame, "ee_arm_link", 0.07).replace("0 0 0.07", place)
+    hand = palm + link("ee_arm_link", "gripper_link", 0.04) + point
+    hand += fingers("ee_arm_link", ((-0.01, -0.01, 0.02), (0.01, 0.01, 0.095)))
+    found = import_with(write_rows(row("", 0.0), more=hand))
+    assert found.loaded.robot.arms[0].flange == "gripper_link"
+    tool = tool_of(found, tmp_path)
+    assert tool.tip == pytest.approx((0.0, 0.0, end))
+    assert tool.beyond == pytest.approx(0.135 - end)
+
+
 def test_a_flange_before_the_tool_centre_point_reaches_to_it(
     row: Row, write_rows: Write, import_with: Import, tmp_path: Path
 ) -> None:

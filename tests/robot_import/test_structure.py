@@ -274,3 +274,21 @@ def test_errors_of_the_files_that_are_written_name_the_urdf(
     ) as refused:
         import_with(urdf)
     assert "robot.yaml" not in str(refused.value)
+
+
+def test_one_arm_has_no_side(row: Row, write_rows: Write, import_with: Import) -> None:
+    """Its files call it `left`; no sentence does, also not that of a rail before it."""
+    rail = (
+        '<link name="car"/><joint name="rail" type="prismatic"><parent link="base"/><child link="car"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+    )
+    arm = row("", 0.0).replace('parent link="base"', 'parent link="car"')
+    found = import_with(write_rows(arm, more=rail))
+    assert list(sides(found)) == ["left"]
+    assert "left" not in told(found)
+    for sentence in (
+        "one arm: joint1, ",
+        "\ntool: along +z of l6 ",
+        "rail: slides and carries the arm;",
+    ):
+        assert sentence in told(found)

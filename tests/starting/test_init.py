@@ -123,6 +123,7 @@ def test_every_project_plans_at_once(robot, capsys):
     assert "could not be checked" not in out
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_the_same_robot_gets_the_same_bytes():
     """Whatever the folder is called, new or empty."""
     Path("two").mkdir()
@@ -186,6 +187,7 @@ def test_a_robot_that_reaches_no_table_is_told_so(stiff, capsys):
     assert [path.name for path in Path().iterdir()] == ["stiff"]
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_a_robot_s_folder_comes_along():
     """The project needs nothing else: it is checked after the folder that it came from is gone."""
     shutil.copytree(robots_folder() / "yumi", "mine")
@@ -207,6 +209,7 @@ def test_a_robot_file_that_reads_elsewhere_is_refused(capsys):
     assert not Path("demo").exists()
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_editors_find_the_schema_of_each_file():
     """The first line names it, and by it the file is valid."""
     assert run(["init", "demo", "--robot", QUICK]) == 0
@@ -217,6 +220,7 @@ def test_editors_find_the_schema_of_each_file():
         assert list(validator.iter_errors(yaml.safe_load(text))) == []
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_the_workflow_is_that_of_the_docs():
     """But for its first lines, and the task files that it scores; no index is asked for a name that anyone may take."""
     assert run(["init", "demo", "--robot", QUICK]) == 0
@@ -243,6 +247,7 @@ def test_the_workflow_s_commands_work(monkeypatch):
     assert run(words) == 0
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_arms_on_rails_work_on_their_own_sides(sliding_robots):
     """Both arms slide along all of the table: each one's targets are on the side of its shoulder all the same."""
     Path("rails").mkdir()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +14,9 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.starting.layout import _home_fault
 from dualarm_cli.starting.table import Table
 
@@ -76,6 +76,7 @@ def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_origins_along_axes_make_no_difference() -> None:
     """A URDF may have its joints anywhere on their axes, as far as the arm is long: the same arm, the same cell."""
     for name, along in (("plain", (0.0,) * 6), ("moved", (0.0, 0.0, 0.4, -0.35, 0.0, 0.0))):
@@ -108,28 +109,28 @@ def test_a_hand_beyond_its_tool_centre_point_stays_above_the_table() -> None:
 def test_targets_that_the_planner_refuses_are_not_written(
     refused: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The planner refuses the stages of the first table, or of all: the next one is taken, or nothing is written."""
-    assert run(["init", "first", "--robot", write_arm()]) == 0
-    capsys.readouterr()
+    """The planner refuses the job on the first table, or on all: the next one is taken, or nothing is written."""
     calls = []
 
-    def refuse(problem: MethodProblem, stages: Sequence[int]) -> None:
-        calls.append(problem.job.cell.obstacles[0].shape.pose.translation)
+    def refuse(job: Job, settings: PlanSettings) -> None:
+        calls.append(job.cell.obstacles[0].shape.pose.translation)
+        assert (len(job.tasks), settings) == (6, PlanSettings(effort="quick"))
         if len(calls) <= refused:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
 
-    monkeypatch.setattr("dualarm_cli.starting.project.check_stages", refuse)
-    code = run(["init", "next", "--robot", "arm.urdf"])
+    monkeypatch.setattr("dualarm_cli.starting.project.plan_without_bound", refuse)
+    code = run(["init", "next", "--robot", write_arm()])
     if refused == 99:
         assert (code, Path("next").exists()) == (3, False)
+        assert (
+            "no plan was found of 6 picks for each arm, 40 mm apart, on any table tried in front of arm.urdf"
+            in capsys.readouterr().err
+        )
         return
     assert code == 0
-    first, second = (
-        load_cell(Path(name) / "cell.yaml").cell.obstacles[0].shape for name in ("first", "next")
-    )
-    assert np.allclose(first.pose.translation, calls[0])
-    assert np.allclose(second.pose.translation, calls[1])
-    assert not np.allclose(first.pose.translation, second.pose.translation)
+    table = load_cell(Path("next") / "cell.yaml").cell.obstacles[0].shape
+    assert np.allclose(table.pose.translation, calls[1])
+    assert not np.allclose(calls[0], calls[1])
 
 
 def test_a_wrist_that_does_not_face_the_front_gets_a_table() -> None:
@@ -149,9 +150,10 @@ def test_an_arm_that_hardly_turns_is_told_the_room_that_is_lacking(
     assert "no table in front of arm.urdf has room for two rows of 6 targets 40 mm apart" in said
     assert run(["robot", "import", arm, "--out", "arm"]) == 0
     assert run(["robot", "reach", "arm"]) == 0
-    assert "the left arm reaches points between x" in capsys.readouterr().out
+    assert "the arm reaches points between x" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_a_start_elsewhere_than_home_has_its_reason() -> None:
     """A table 10 mm above the tip cuts into the tool; without it the tool is below the top by the difference."""
     assert run(["init", "arm", "--robot", write_arm()]) == 0
