@@ -20,6 +20,7 @@ from dualarm_cli.page.carried_objects import carried_objects, clip_to_lifetimes
 from dualarm_cli.page.packed import joint_knots, packed
 from dualarm_cli.page.scene import DrawnHulls, bodies, flange, placed, solids, tcp, visuals
 from dualarm_cli.records import dataclass
+from dualarm_cli.report.critical_path import critical_path
 from dualarm_cli.report.report import plan_title
 from dualarm_cli.report.torques import has_torques
 from dualarm_cli.robot_import.proposed_tool import tool_notes
@@ -71,6 +72,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "segments": [segment_row(segment) for segment in schedule.segments],
         "events": [event_row(event) for event in schedule.events],
         "stages": [stage_row(stage) for stage in schedule.stages],
+        "pieces": _pieces(schedule),
         "clearances": clearance_curves(schedule, done),
         "torques": torque_curves(schedule, done),
     }
@@ -105,6 +107,19 @@ def _joints(schedule: Schedule) -> list[dict[str, Any]]:
             }
         )
     return joints
+
+
+def _pieces(schedule: Schedule) -> list[dict[str, Any]]:
+    """List the pieces of the schedule with their slack, by segment; -1 for the platform."""
+    return [
+        {
+            "segment": piece.segment,
+            "stage": piece.stage,
+            "length": round(piece.length, 6),
+            "slack": round(piece.slack, 6),
+        }
+        for piece in critical_path(schedule).pieces
+    ]
 
 
 def torque_curves(schedule: Schedule, job: Job) -> dict[str, Any] | None:

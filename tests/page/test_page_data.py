@@ -233,3 +233,24 @@ def test_parts_come_and_go_as_the_bodies_that_collide(quick_plan, tasks_folder) 
     assert ends["chute"][0] == [(0.0, -1), (pytest.approx(place.time + place.dwell), None)]
     assert ends["chute"][1][0] == (pytest.approx(comes, abs=5e-3), -1)
     assert ends["chute"][1][1][1] == -1
+
+
+def test_something_decides_every_instant(shown) -> None:
+    """Critical pieces cover the cycle, and every motion and dwell is a piece, as long as its segment at most."""
+    data = shown.data
+    segments, stages = data["segments"], data["stages"]
+    ends = {k: (row["start"], row["end"]) for k, row in enumerate(segments)}
+    clock, critical = 0.0, []
+    for piece in data["pieces"]:
+        start = stages[piece["stage"]]["start"]
+        span = ends.get(piece["segment"], (start, start + piece["length"]))
+        assert piece["length"] <= span[1] - span[0] + 2e-6
+        critical += [span] if piece["slack"] == 0.0 else []
+    if data["conveyors"]:
+        return  # A part on a belt decides as well.
+    for start, end in sorted(critical):
+        assert start <= clock + 2e-6
+        clock = max(clock, end)
+    assert clock == pytest.approx(data["duration"], abs=2e-6)
+    present = {piece["segment"] for piece in data["pieces"]}
+    assert {k for k, row in enumerate(segments) if row["kind"] != "wait"} <= present

@@ -26,6 +26,8 @@ const TASKS = scaled(17);
 const BARS = scaled(24);
 const PLATFORM = scaled(12);
 const GAP = scaled(7);
+/** Thickness of the line below what decides the cycle time [px]. */
+const MARK = scaled(3);
 
 /** Gantt chart on its canvas. */
 export class Gantt {
@@ -90,6 +92,17 @@ export class Gantt {
     return undefined;
   }
 
+  /**
+   * Return the index of the stage at a point of the canvas, -1 outside the row of stages.
+   * @param {number} time s
+   * @param {number} y px from the top of the canvas
+   */
+  stageAt(time, y) {
+    if (y < RULER || y >= this.head) return -1;
+    const arm = this.stageRows[Math.floor(((y - RULER) / this.stagesHeight) * this.stageRows.length)];
+    return this.plan.stages.findIndex((stage) => (!arm || !stage.arm || stage.arm === arm) && stage.start <= time && time <= stage.end);
+  }
+
   draw() {
     if (this.width <= GUTTER + MARGIN) return;
     const g = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
@@ -114,6 +127,11 @@ export class Gantt {
         for (const bar of this.visible(row.bars)) {
           g.fillRect(this.x(bar.start), top + 2, this.length(bar), PLATFORM - 4);
         }
+      }
+      // A line below marks what decides the cycle time, whatever its colour.
+      g.fillStyle = colour("text");
+      for (const bar of this.visible(row.bars.filter((bar) => bar.critical))) {
+        g.fillRect(this.x(bar.start), top + (row.arm ? TASKS + BARS : PLATFORM) + 1, this.length(bar), MARK);
       }
     }
     g.restore();
@@ -254,6 +272,7 @@ function drawBar(g, bar, x, width, top) {
   if (bar.kind === "approach") outline(g, [x, bottom - low], [right, top], [right, bottom], [x, bottom]);
   else if (bar.kind === "retract") outline(g, [x, top], [right, bottom - low], [right, bottom], [x, bottom]);
   else if (bar.kind === "transfer" || bar.kind === "return") g.rect(x, bottom - low, right - x, low);
+  else if (bar.kind === "critical") g.rect(x, bottom - 0.4 * BARS, right - x, 0.2 * BARS);
   else if (bar.kind === "wait") g.rect(x, bottom - 0.62 * BARS, right - x, 0.62 * BARS);
   else g.rect(x, top, right - x, BARS);
   if (bar.kind === "wait") {
@@ -279,6 +298,7 @@ function drawBar(g, bar, x, width, top) {
 /** @param {Bar} bar @param {boolean} line */
 function fillName(bar, line) {
   if (bar.kind === "transfer") return "transfer";
+  if (bar.kind === "critical") return "text";
   if (bar.kind === "return") return "panel";
   return line ? `${bar.family}-light` : bar.family;
 }
@@ -330,6 +350,7 @@ export const LEGEND = [
   { label: "via", bar: { kind: "dwell", family: "move" } },
   { label: "wait", bar: { kind: "wait", family: "" } },
   { label: "return", bar: { kind: "return", family: "" } },
+  { label: "decides the cycle time", bar: { kind: "critical", family: "" } },
 ];
 
 /**

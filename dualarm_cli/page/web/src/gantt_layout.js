@@ -3,6 +3,7 @@
 import { armsOf } from "./data.js";
 import { movingIntervals } from "./trajectory.js";
 import { actionOn, fixed, waitText, word } from "./units.js";
+import { isCritical, whyText } from "./why.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 /** @typedef {import("./types.js").Segment} Segment */
@@ -15,6 +16,8 @@ import { actionOn, fixed, waitText, word } from "./units.js";
  * @property {string} family colour: pick, place, give, take, tool, path, seam, or empty for none
  * @property {string} label shown if it fits
  * @property {string} text full description
+ * @property {boolean} [critical] whether its delay makes the cycle longer
+ * @property {() => string} [why] describes why it takes as long as it does; missing without slack
  */
 
 /** @typedef {{start: number, end: number, task: string, action: string, family: string}} Visit */
@@ -73,6 +76,11 @@ export function segmentText(plan, segment) {
  * @returns {GanttRow[]}
  */
 export function ganttRows(plan) {
+  const pieces = new Map((plan.pieces ?? []).map((piece) => [piece.segment < 0 ? `stage ${piece.stage}` : piece.segment, piece]));
+  const reasons = (/** @type {string | number} */ key, /** @type {string} */ group, /** @type {{start: number, end: number, kind: string}} */ bar) => {
+    const piece = pieces.get(key);
+    return piece ? { critical: isCritical(piece), why: () => whyText(plan, piece, group, bar) } : {};
+  };
   const rows = armsOf(plan).map((arm) => {
     const segments = plan.segments
       .filter((segment) => segment.arm === arm)
@@ -84,6 +92,7 @@ export function ganttRows(plan) {
       family: segment.kind === "wait" ? "" : familyOf(segment.action, segment.kind),
       label: segment.kind === "wait" ? word(segment.reason ?? "wait") : "",
       text: segmentText(plan, segment),
+      ...reasons(plan.segments.indexOf(segment), arm, segment),
     }));
     return { name: arm, arm, bars, visits: visits(segments) };
   });
@@ -99,6 +108,7 @@ export function ganttRows(plan) {
       family: "",
       label: "",
       text: `platform: ${name} moves, ${fixed(start, 3)}–${fixed(end, 3)} s (${fixed(end - start, 3)} s)`,
+      ...reasons(`stage ${plan.stages?.findIndex((stage) => stage.start <= start + 1e-6 && start < stage.end - 1e-6)}`, "platform", { start, end, kind: "move" }),
     }));
     rows.push({ name: "platform", arm: "", bars, visits: [] });
   }

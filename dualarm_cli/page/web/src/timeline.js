@@ -9,6 +9,7 @@ import { jointLabel } from "./labels.js";
 import { QUANTITIES, countUpTo, stateAt } from "./trajectory.js";
 import { fixed, jointValue, millimetres } from "./units.js";
 import { clearanceAt, clearanceColour } from "./clearance.js";
+import { stageWhy } from "./why.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 /** @typedef {import("./trajectory.js").Quantity} Quantity */
@@ -39,6 +40,9 @@ const PAPER = 740;
 const MIN_HEIGHT = scaled(78);
 const MAX_HEIGHT = scaled(400);
 
+/** Describe a bar, and why it takes as long as it does. @param {import("./gantt_layout.js").Bar} bar */
+const barText = (bar) => [bar.text, bar.why?.()].filter(Boolean).join("\n");
+
 /** Gantt chart and curves with their selection. */
 export class Timeline {
   /**
@@ -58,9 +62,10 @@ export class Timeline {
     this.plots = [];
     this.folded = false;
     this.cursor = element("div", { class: "cursor" });
-    this.hint = element("div", { class: "hint", hidden: true });
+    this.hint = element("div", { class: "hint", role: "status", hidden: true });
     this.plotArea = element("div", { class: "plots" });
-    this.stack = element("div", { class: "stack" }, this.gantt.canvas, this.plotArea, this.cursor);
+    const keys = "Gantt chart. Up and down step through stages, tasks or events; the hint says why each takes as long as it does";
+    this.stack = element("div", { class: "stack", tabindex: 0, role: "group", "aria-label": keys }, this.gantt.canvas, this.plotArea, this.cursor);
     this.scroll = element("div", { class: "timeline-scroll" }, this.stack);
     this.legend = this.makeLegend();
     this.choices = element("div", { class: "choices" });
@@ -107,9 +112,9 @@ export class Timeline {
 
   makeLegend() {
     const used = new Set(this.gantt.rows.flatMap((row) => row.bars.map((b) => `${b.kind} ${b.family}`)));
-    const kinds = new Set(this.gantt.rows.flatMap((row) => row.bars.map((b) => b.kind)));
+    const kinds = new Set(this.gantt.rows.flatMap((row) => row.bars.flatMap((b) => [b.kind, ...(b.critical ? ["critical"] : [])])));
     const entries = LEGEND.filter(({ label, bar }) => {
-      const general = ["approach", "retract", "transfer", "wait", "return"].includes(label);
+      const general = ["approach", "retract", "transfer", "wait", "return", "critical"].includes(bar.kind);
       return general ? kinds.has(bar.kind) : used.has(`${bar.kind} ${bar.family}`);
     });
     return element(
@@ -177,6 +182,7 @@ export class Timeline {
     /** @type {{x: number, from: number, to: number, scrubs: boolean, moved: boolean} | null} */
     let drag = null;
     stack.addEventListener("pointerdown", (/** @type {PointerEvent} */ event) => {
+      this.hint.hidden = true;
       if (event.button !== 0) return;
       const y = event.clientY - stack.getBoundingClientRect().top;
       drag = { x: event.clientX, from: timeWindow.from, to: timeWindow.to, scrubs: y < this.gantt.head, moved: false };
@@ -195,11 +201,18 @@ export class Timeline {
       }
     });
     stack.addEventListener("pointerup", (/** @type {PointerEvent} */ event) => {
-      if (drag && !drag.moved) this.clock.setTime(this.timeAt(event));
+      if (drag && !drag.moved) {
+        this.clock.setTime(this.timeAt(event));
+        this.showHint(event);
+      }
       drag = null;
     });
     stack.addEventListener("pointercancel", () => (drag = null));
-    stack.addEventListener("pointerleave", () => (this.hint.hidden = true));
+    // What a tap shows stays until the next one.
+    stack.addEventListener("pointerleave", (/** @type {PointerEvent} */ event) => (this.hint.hidden ||= event.pointerType !== "touch"));
+    document.addEventListener("pointerdown", (event) => (this.hint.hidden ||= !stack.contains(/** @type {Node} */ (event.target))));
+    stack.addEventListener("focus", () => this.showHintAtCursor());
+    stack.addEventListener("blur", () => (this.hint.hidden = true));
     stack.addEventListener("dblclick", (/** @type {MouseEvent} */ event) => {
       const time = this.timeAt(event);
       const stage = this.plan.stages.find((s) => s.start <= time && time <= s.end);
@@ -220,14 +233,36 @@ export class Timeline {
   /** @param {PointerEvent} event */
   showHint(event) {
     const box = this.gantt.canvas.getBoundingClientRect();
-    const bar = this.gantt.barAt(this.timeAt(event), event.clientY - box.top);
-    this.hint.hidden = !bar;
-    if (!bar) return;
-    this.hint.textContent = bar.text;
+    const [time, y] = [this.timeAt(event), event.clientY - box.top];
+    const stage = this.gantt.stageAt(time, y);
+    const bar = this.gantt.barAt(time, y);
+    const text = stage >= 0 ? stageWhy(this.plan, stage) : bar ? barText(bar) : "";
     const frame = this.element.getBoundingClientRect();
-    const left = event.clientX - frame.left + 12;
-    this.hint.style.left = `${Math.min(left, frame.width - this.hint.offsetWidth - 8)}px`;
-    this.hint.style.top = `${event.clientY - frame.top + 16}px`;
+    this.placeHint(text, event.clientX - frame.left + 12, event.clientY - frame.top + 16);
+  }
+
+  /** Explain what happens at the time cursor, for readers with a keyboard. */
+  showHintAtCursor() {
+    if (!this.stack.matches(":focus-visible")) return;
+    const { time } = this.clock;
+    const stages = this.plan.stages.flatMap((stage, i) => (stage.start <= time && time < stage.end ? [stageWhy(this.plan, i)] : []));
+    const bars = this.gantt.rows.flatMap((row) => row.bars.filter((bar) => bar.start <= time && time < bar.end).map(barText));
+    const frame = this.element.getBoundingClientRect();
+    const box = this.gantt.canvas.getBoundingClientRect();
+    const text = [...stages, ...bars].join("\n");
+    const left = this.gantt.x(time) + box.left - frame.left + 12;
+    this.placeHint(text, left, 0);
+    this.placeHint(text, left, box.top - frame.top - this.hint.offsetHeight - 4); // above the chart, whose keys go on
+  }
+
+  /** @param {string} text hidden if empty @param {number} left px @param {number} top px */
+  placeHint(text, left, top) {
+    this.hint.hidden = !text;
+    if (!text) return;
+    if (this.hint.textContent !== text) this.hint.textContent = text;
+    const frame = this.element.getBoundingClientRect();
+    this.hint.style.left = `${Math.max(Math.min(left, frame.width - this.hint.offsetWidth - 8), 4)}px`;
+    this.hint.style.top = `${Math.min(top, innerHeight - frame.top - this.hint.offsetHeight - 4)}px`;
   }
 
   /** Rebuild the plots after a change of curves or colours. */
@@ -346,6 +381,7 @@ export class Timeline {
     const inside = time >= this.timeWindow.from - 1e-9 && time <= this.timeWindow.to + 1e-9;
     this.cursor.hidden = !inside;
     if (inside) this.cursor.style.transform = `translateX(${this.gantt.x(time)}px)`;
+    this.showHintAtCursor();
     this.showReadings();
   }
 }

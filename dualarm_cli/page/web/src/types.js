@@ -75,6 +75,14 @@
  */
 
 /**
+ * @typedef {object} Piece Motion, dwell or wait with its slack.
+ * @property {number} segment index of its segment, -1 for the platform
+ * @property {number} stage index of its stage
+ * @property {number} length time by itself, without waiting for others [s]
+ * @property {number} slack delay that does not make the cycle longer [s]
+ */
+
+/**
  * @typedef {object} Clearance Samples of the smallest distance of a group of pairs.
  * @property {string} name "clearance", or "near links" for links with few joints in between
  * @property {Float64Array} time
@@ -113,6 +121,7 @@
  * @property {Segment[]} segments
  * @property {Event[]} events
  * @property {Stage[]} stages
+ * @property {Piece[]} pieces
  * @property {Clearance[]} clearances of none, one or both groups
  * @property {Torques | null} torques null where the robot has no efforts or masses
  * @property {any} report report.json as it is

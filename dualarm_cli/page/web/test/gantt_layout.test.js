@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { barAt, familyOf, ganttRows, segmentText, segmentsAt, visits, workText } from "../src/gantt_layout.js";
+import { limitOf, stageWhy } from "../src/why.js";
 
 const segment = (arm, kind, task, action, start, end, more = {}) => ({ arm, kind, task, action, start, end, ...more });
 
@@ -98,4 +99,34 @@ test("a signal is shown at the dwell in which it is set", () => {
   const [left] = ganttRows(PLAN);
   assert.match(left.bars[2].text, /^left: pick a-1: dwell → left_do1, 2\.000–2\.500 s/);
   assert.equal(left.bars.filter(({ text }) => text.includes("→")).length, 1);
+});
+
+// One joint at 1/s for a second, its limit, then braking with 0.5/s² of 1/s² for two seconds.
+const JOINT = {
+  name: "left_s", group: "left", limits: { velocity: 1, acceleration: 1, jerk: null },
+  knots: {
+    time: Float64Array.of(0, 1, 1, 3), position: Float64Array.of(0, 1, 1, 2),
+    velocity: Float64Array.of(1, 1, 1, 0), acceleration: Float64Array.of(0, 0, -0.5, -0.5),
+  },
+};
+
+test("a motion is limited by the joint that is at a limit longest", () => {
+  const plan = /** @type {any} */ ({ joints: [JOINT, { ...JOINT, name: "left_l", limits: { velocity: 2, acceleration: null, jerk: null } }], report: {} });
+  assert.deepEqual(limitOf(plan, "left", 0, 3), { joint: "left_s", limit: "velocity", share: 1 / 3 });
+  // At half the speed a quarter of the acceleration is left.
+  assert.equal(limitOf({ ...plan, report: { speed: 0.5 } }, "left", 2, 3)?.limit, "acceleration");
+  assert.equal(limitOf(plan, "right", 0, 3), null);
+});
+
+test("a bar and its stage say what decides, and the slack of the rest", () => {
+  const pieces = [{ segment: 0, stage: 0, length: 1, slack: 0 }, { segment: 7, stage: 0, length: 1.5, slack: 0.25 }, { segment: 2, stage: 0, length: 0.5, slack: 0 }];
+  const plan = /** @type {any} */ ({ ...PLAN, joints: [{ ...JOINT, group: "left" }], pieces, stages: [{ start: 0, end: 6, bottleneck: "left_s" }] });
+  const [left, right] = ganttRows(plan);
+  assert.deepEqual(left.bars.map((bar) => bar.critical ?? null), [true, null, true, null, null, null, null]);
+  assert.match(String(left.bars[0].why?.()), /^decides the cycle time; limited by left_s \(1\): at a limit 100.% of the time, mostly velocity$/);
+  assert.match(String(left.bars[2].why?.()), /its time is in the task file$/);
+  assert.match(String(right.bars[0].why?.()), /^slack 0\.250.s; 1\.500.s by itself, slowed to arrive with the platform$/);
+  assert.equal(right.bars[1].why, undefined);
+  assert.deepEqual(stageWhy(plan, 0).split("\n").slice(1).map((text) => text.replace(/\u202f/g, " ")), ["decided by left: transfer, dwell", "right: slack 0.250 s"]);
+  assert.match(stageWhy({ ...plan, report: { mode: "free" } }, 0), /right: slack at most/);
 });
