@@ -44,7 +44,8 @@ def read_grasps(
             f"part {quote(name)} has {len(grasps)} grasps with their turns, tilts and areas; at most {MOST_GRASPS}: "
             "lower 'symmetry', or remove grasps or their 'free'"
         )
-        findings.add(document, ("parts", name, "grasps"), message, key=True)
+        loc = ("parts", name, "symmetry" if part.symmetry else "grasps")
+        findings.add(document, loc, message, key=True)
     return grasps
 
 

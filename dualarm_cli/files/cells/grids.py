@@ -63,13 +63,19 @@ class GridSection(Section):
             raise refuse(f"{total} places; at most {MOST_PLACES} are allowed", "count")
         for axis, count, pitch in zip("xy", self.count, self.pitch, strict=True):
             if count > 1 and pitch == 0.0:
-                raise refuse(f"places along {axis} coincide: their pitch is 0", "pitch")
+                raise refuse(
+                    f"places along {axis} coincide: their pitch is 0; write their distance", "pitch"
+                )
         most = (*self.count, self.layers)
         for place in self.without:
             for number, highest in zip(place, most, strict=False):
                 if number > highest:
                     shown = "[" + ", ".join(map(str, place)) + "]"
-                    raise refuse(f"there is no place {shown} to leave out", "without")
+                    size = " by ".join(map(str, most))
+                    raise refuse(
+                        f"there is no place {shown} to leave out; the grid has {size} places",
+                        "without",
+                    )
         if not pattern_of(self).places:
             raise refuse("no place is left; leave out fewer", "without")
         return self

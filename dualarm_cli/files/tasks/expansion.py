@@ -26,6 +26,8 @@ from dualarm_cli.records import dataclass
 
 _TARGETS = ("pick", "place", "move")
 """Keys of the targets that may be repeated."""
+_RANGES = ("x", "y", "layer")
+"""Keys of the ranges of places."""
 _note = NoteTable(
     "pattern",
     expanded="{id} is {count:1 task|# tasks}, {first} to {last}: {work:*, }",
@@ -199,7 +201,13 @@ class _Expander:
         if not chosen or (section.first or 0) > len(chosen):
             message = f"selects {len(chosen)} of the {len(pattern.places)} places of {quote(frame)}"
             advice = f"; first: at most {len(chosen)}" if chosen else "; widen the ranges"
-            self._findings.add(self._document, place, message + advice)
+            # The ranges select nothing from this one on; after all of them it is `first`.
+            steps = [section.model_copy(update=dict.fromkeys(_RANGES[k:])) for k in range(1, 4)]
+            key = next(
+                (r for r, s in zip(_RANGES, steps, strict=True) if not _selected(pattern, s, down)),
+                "first",
+            )
+            self._findings.add(self._document, (*place, key), message + advice)
             return None
         used = chosen[: section.first]
         return [Spot(_label(pattern, i), pattern.places[i], str(frame), i) for i in used]
@@ -214,7 +222,7 @@ class _Expander:
 
 def _selected(pattern: Pattern, section: EachSection, down: bool) -> list[PlaceIndex]:
     """Select places in order; `down` begins with the highest layer."""
-    spans = (section.x, section.y, section.layer)
+    spans = [getattr(section, key) for key in _RANGES]
     chosen = [
         index
         for index in pattern.ordered(section.order)

@@ -31,6 +31,7 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.budget import TimeRange
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY, Action, Dwell, Job, Stop, Task
+from dualarm_cli.model.part_flow import kind_of_part
 from dualarm_cli.model.place import Place
 from dualarm_cli.records import dataclass
 
@@ -311,11 +312,10 @@ class TaskReader:
         part = section.part if section.part is not None else self.defaults.part
         if part is None or not carries:
             return ""
-        if part not in self.cell.parts:
+        kinds = [name for name in self.cell.parts if name == kind_of_part(name)]
+        if part not in kinds:
             place: Loc = (*loc, "part") if section.part is not None else ("defaults", "part")
-            message = (
-                f"the cell has no part {quote(part)}{suggest(part, list(self.cell.parts), 'parts')}"
-            )
+            message = f"the cell has no part {quote(part)}{suggest(part, kinds, 'parts')}"
             self.note(place, message)
         return part
 
