@@ -261,6 +261,7 @@ def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
     console.print(score_table(verdicts))
     lines = [line for verdict in verdicts for line in reason_lines(verdict)]
     lines += caveat_lines(verdicts)
+    compared &= any(verdict.state not in ("pass", "new") for verdict in verdicts)
     lines += [counted(verdicts) + (f"; {rule_words(allowed)}" if compared else "")]
     print_lines(console, *lines, *advice(verdicts))
 

@@ -96,7 +96,7 @@ def markdown_text(verdicts: Sequence[Verdict], max_regression: float, compared: 
     title = f"{len(failed)} of {len(verdicts)} cells fail" if failed else "all cells are good"
     caveats = caveat_lines(shown)
     if caveats and not failed:
-        title = f"no cell fails, {len(caveats)} not fully checked"
+        title = f"no cell fails, {sum(bool(v.caveats) for v in shown)} not fully checked"
     lines = [f"## dualarm score: {title}", "", counted(verdicts) + "."]
     if compared:
         lines += ["", rule_words(max_regression) + "."]

@@ -39,9 +39,13 @@ def verdict_words(verdict: Verdict) -> str:
 
 
 def caveat_lines(verdicts: Sequence[Verdict]) -> list[str]:
-    """List the caveats of passed cases, one printable sentence per case."""
+    """List the caveats of passed cases as printable sentences, cases with equal ones together."""
+    cases: dict[str, list[str]] = {}
+    for verdict in verdicts:
+        if verdict.caveats:
+            cases.setdefault(exceptions(verdict.caveats), []).append(one_line(verdict.case))
     shown: list[str] = printable(
-        [f"{one_line(v.case)}: verified{exceptions(v.caveats)}" for v in verdicts if v.caveats]
+        [f"{', '.join(names)}: verified{text}" for text, names in cases.items()]
     )
     return shown
 

@@ -19,7 +19,7 @@ from dualarm_cli.scoring.index import score_index
 from dualarm_cli.scoring.junit import MARK, junit_bytes, xml_text
 from dualarm_cli.scoring.markdown import MARK as MARKDOWN_MARK
 from dualarm_cli.scoring.markdown import MOST, github_commands, markdown_text
-from dualarm_cli.scoring.messages import score_table
+from dualarm_cli.scoring.messages import caveat_lines, score_table
 from dualarm_cli.scoring.verdict import EXIT_CODES, STATES, Verdict
 
 EVIL = "cells/\x1b[31m\x00]]> <&\"'\ufffe\ud800 a|b`@user`\r\n::error::x/tasks.yaml"
@@ -110,6 +110,8 @@ def test_what_a_pass_leaves_open_is_in_every_format(evaluation):
     assert "\x1b[32mpass\x1b[0m" in shown
     failing = Verdict(names[0], "regressed", found[0], None, ())
     assert failing.caveats == ()
+    together = [*verdicts, Verdict("c", "pass", evaluation("c", caveats=(caveat,)), None, ())]
+    assert caveat_lines(together) == [f"{names[0]}, c: verified, except that {caveat}"]
 
 
 def test_github_commands_are_one_line_each_and_escaped(verdicts):

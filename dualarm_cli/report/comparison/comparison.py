@@ -216,7 +216,7 @@ def share_text(value: float) -> str:
 
 
 def _why_faster(winner: dict[str, Any], reference: dict[str, Any], name: str) -> str:
-    """Compose the two kinds of time with the largest savings."""
+    """Compose the kind of time with the largest saving."""
     mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, reference))
     pairs = [("transfers", mine.transfers, theirs.transfers)]
     pairs += [
@@ -224,9 +224,10 @@ def _why_faster(winner: dict[str, Any], reference: dict[str, Any], name: str) ->
         for what in (LINES, DWELLS, *WORK.values())
     ]
     saved = [pair for pair in pairs if pair[2] - pair[1] > LEAST_SAVING]
-    saved.sort(key=lambda pair: pair[1] - pair[2])
-    texts = [f"{what} {a:.2f} s ({name}: {b:.2f} s)" for what, a, b in saved[:2]]
-    return " and ".join(texts).replace(" ", " take ", 1)
+    if not saved:
+        return ""
+    what, a, b = min(saved, key=lambda pair: pair[1] - pair[2])
+    return f"{what} take {a:.2f} s ({name}: {b:.2f} s)"
 
 
 def _deciders(row: dict[str, Any]) -> str:
