@@ -195,17 +195,12 @@ function header(plan, reportButton, changeTheme, help) {
       element("span", { class: "cycle" }, seconds(report.cycle_time), report.closes ? " cycle" : ""),
       hourly && element("span", { class: "hourly" }, hourly),
       limiting(plan) && element("span", { class: "limiting" }, limiting(plan)),
-      unfolding(`verdict ${mark}`, text),
-      assumed(report) && unfolding("reservation", assumed(report)),
+      element("span", { class: `verdict ${mark}` }, text),
+      assumed(report) && element("span", { class: "reservation" }, assumed(report)),
     ),
     element("span", { class: "version" }, `dualarm ${plan.version}`),
     element("span", { class: "buttons" }, reportButton, button("◐", "Dark or light (d)", changeTheme), button("?", "Keys and pointer (?)", help)),
   );
-}
-
-/** Create a text that phones cut to a line, until it is tapped. @param {string} name class @param {string} text */
-function unfolding(name, text) {
-  return element("span", { class: name, title: text, onclick: (/** @type {Event} */ event) => /** @type {Element} */ (event.currentTarget).classList.toggle("whole") }, text);
 }
 
 /**
