@@ -118,6 +118,7 @@ function makeScene(plan, stage) {
   try {
     return new Scene(plan, stage);
   } catch (error) {
+    if (error instanceof TypeError) throw error; // the data do not fit the program
     const text = "The 3-D view requires WebGL, which this browser does not support. The rest of the page works.";
     stage.append(element("p", { class: "missing" }, text, ` (${error instanceof Error ? error.message : error})`));
     return null;
