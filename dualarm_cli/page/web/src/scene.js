@@ -125,6 +125,8 @@ export class Scene {
     /** Direction from the cell to the camera of the fitted view; null after the reader has moved the camera. */
     this.direction = /** @type {[number, number, number] | null} */ (this.leastHidden());
     this.controls.addEventListener("start", () => (this.direction = null));
+    this.controls.addEventListener("end", () => this.clearView());
+    this.materials.setGhost(["obstacle-clear"], true);
     new ResizeObserver(() => this.resize()).observe(container);
   }
 
@@ -388,6 +390,23 @@ export class Scene {
     this.controls.target.copy(centre);
     this.camera.position.copy(centre).addScaledVector(toCamera, distance);
     this.controls.update();
+    this.clearView();
+  }
+
+  /** Draw obstacles translucent that hide targets from the camera, such as the back of a shelf. */
+  clearView() {
+    this.world.updateMatrixWorld(true);
+    const hiding = new Set();
+    for (const { xyz } of this.plan.events) {
+      const target = new THREE.Vector3(...xyz);
+      const sight = this.camera.position.clone().sub(target);
+      const ray = new THREE.Raycaster(target, sight.clone().normalize(), AT_TARGET, sight.length());
+      for (const { object } of ray.intersectObjects(this.meshes, false)) hiding.add(object);
+    }
+    this.meshes.forEach((mesh, i) => {
+      const isClear = hiding.has(mesh) && this.plan.solids[i].role === "obstacle";
+      mesh.material = isClear ? this.materials.solid("obstacle-clear") : this.materialOf(this.plan.solids[i]);
+    });
     this.request();
   }
 
