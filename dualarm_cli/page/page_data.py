@@ -18,7 +18,16 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.page.carried_objects import carried_objects, clip_to_lifetimes
 from dualarm_cli.page.packed import joint_knots, packed
-from dualarm_cli.page.scene import DrawnHulls, bodies, flange, placed, solids, tcp, visuals
+from dualarm_cli.page.scene import (
+    DrawnHulls,
+    bodies,
+    drawn_hands,
+    flange,
+    placed,
+    solids,
+    tcp,
+    visuals,
+)
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.critical_path import critical_path
 from dualarm_cli.report.report import plan_title
@@ -49,6 +58,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
     model = pin.buildModelFromXML(job.cell.robot.urdf)
     hulls = DrawnHulls()
     tcps = {arm.name: tcp(model, job.cell, arm.name) for arm in job.cell.robot.arms}
+    hands = drawn_hands(model, job.cell)
     seen = solids(model, job.cell, hulls)
     moved = clip_to_lifetimes(carried_objects(schedule, done, hulls), schedule, done)
     return {
@@ -63,7 +73,10 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "solids": seen,
         "visuals": visuals(model, job.cell.robot, hulls),
         "hulls": hulls.rows,
-        "tcps": {arm: {"body": body} | placed(pose) for arm, (body, pose) in tcps.items()},
+        "tcps": {
+            arm: {"body": body, "hand": arm in hands} | placed(pose)
+            for arm, (body, pose) in tcps.items()
+        },
         "flanges": {arm: placed(flange(model, job.cell.robot, arm).placement) for arm in tcps},
         "tools": list(tool_notes(job.cell)),
         "frames": {name: placed(pose) for name, pose in job.cell.frames.items()},

@@ -148,6 +148,14 @@ def tcp(model: pin.Model, cell: Cell, arm: str) -> tuple[int, pin.SE3]:
     return frame.parentJoint, frame.placement * cell.tools[arm].tcp
 
 
+def drawn_hands(model: pin.Model, cell: Cell) -> list[str]:
+    """List the arms whose tool is the robot's own hand: links with shapes, and no tool shapes."""
+    drawn = {solid.body for solid in link_solids(model, replace(cell.robot, meshes={}))}
+    drawn |= {*cell.robot.meshes, *(mesh.link for mesh in cell.robot.visuals)}
+    hands = cell.robot.hands.items()
+    return [arm for arm, links in hands if not cell.tools[arm].shapes and drawn & set(links)]
+
+
 def flange(model: pin.Model, robot: Robot, arm: str) -> Any:
     """Look up the frame of an arm's flange in the robot's model."""
     return model.frames[model.getFrameId(robot.arm(arm).flange, pin.FrameType.BODY)]

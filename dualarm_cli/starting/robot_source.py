@@ -18,6 +18,7 @@ from dualarm_cli.files.source.bundled import CELL_FILE, ROBOT_FILE, bundled_robo
 from dualarm_cli.files.source.documents import read_document
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import read_bytes, recorded_reads
+from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.importing import ImportRequest, import_robot
 
@@ -89,9 +90,9 @@ def _robot_file(path: Path) -> RobotSource:
             "import` wrote, or a robot file"
         )
     with recorded_reads() as read:
-        load_robot(path)
+        robot = load_robot(path).robot
     home = path.absolute().parent.name or "robot"
-    files = {f"{home}/{name}": content for name, content in _copied(path, read).items()}
+    files = {f"{home}/{name}": content for name, content in _copied(path, read, robot).items()}
     return RobotSource(json.dumps(f"{home}/{path.name}"), files, str(path))
 
 
@@ -99,11 +100,11 @@ def _pair(folder: Path) -> RobotSource:
     """Load the two robots of a cell file with all files that they read."""
     path = folder / CELL_FILE
     with recorded_reads() as read:
-        load_cell(path)
+        robot = load_cell(path).cell.robot
     value = read_document(Project.of(path), path, str(path)).data["robot"]
     if not isinstance(value, dict):
         raise UsageError(f"--robot {folder}: {CELL_FILE} names one robot, {value}; name that one")
-    files = _copied(path, read)
+    files = _copied(path, read, robot)
     del files[CELL_FILE]
     lines = [f"\n  {side}: {_flow(member)}" for side, member in value.items()]
     return RobotSource("".join(lines), files, str(folder))
@@ -114,8 +115,10 @@ def _flow(value: Any) -> str:
     return yaml.safe_dump([value], default_flow_style=True, sort_keys=False, width=math.inf)[1:-2]
 
 
-def _copied(path: Path, read: Mapping[str, str]) -> dict[str, bytes]:
-    """Read recorded files, by their paths relative to the first file's folder.
+def _copied(path: Path, read: Mapping[str, str], robot: Robot) -> dict[str, bytes]:
+    """Read recorded files and visual meshes, by their paths relative to the first file's folder.
+
+    Visual meshes elsewhere are left out: links are then drawn as their collision shapes.
 
     Raises:
         UsageError: a file is outside that folder.
@@ -129,6 +132,10 @@ def _copied(path: Path, read: Mapping[str, str]) -> dict[str, bytes]:
                 "all its files into one"
             )
         files[Path(inside).as_posix()] = read_bytes(Path(name), name)
+    for mesh in robot.visuals:
+        inside = os.path.relpath(mesh.file, path.parent)
+        if mesh.file.is_file() and not inside.startswith(".."):
+            files[Path(inside).as_posix()] = mesh.file.read_bytes()
     return files
 
 

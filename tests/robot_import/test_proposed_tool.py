@@ -20,6 +20,7 @@ from dualarm_cli.files.robots.mesh_formats import stl_bytes
 from dualarm_cli.files.robots.robot_pair import compose_pair
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.model.shape import Hull
+from dualarm_cli.page.scene import drawn_hands
 from dualarm_cli.robot_import.contacts import bare_cell
 from dualarm_cli.robot_import.importing import Imported
 from dualarm_cli.robot_import.proposed_tool import (
@@ -264,3 +265,21 @@ def test_the_tools_of_a_cell_are_described():
     left, right = tool_notes(changed)
     assert left.startswith(f"left tool: along -y of {cell.robot.arms[0].flange}, 50 mm long")
     assert right == tools["right"].note
+
+
+def test_pages_know_the_hands_that_they_need_not_draw(
+    row: Row, write_rows: Write, import_with: Import
+) -> None:
+    """A palm is the hand, unless the cell mounts a tool with shapes; a bare flange gets an assumed gripper."""
+    palm = link("palm", "l6", 0.0, ((-0.03, -0.05, 0.0), (0.03, 0.05, 0.1)))
+    robot = import_with(
+        write_rows(
+            row("left_", 0.3), row("right_", -0.3, shape=""), more=palm.replace("l6", "left_l6")
+        )
+    )
+    cell, tools = with_tools(bare_cell(robot.loaded.robot))
+    model = pin.buildModelFromXML(cell.robot.urdf)
+    assert drawn_hands(model, cell) == ["left"]
+    capped = replace(cell, tools={**cell.tools, "left": cell.tools["right"]})
+    assert drawn_hands(model, capped) == []
+    assert tools["right"].tool.shapes

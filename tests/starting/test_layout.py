@@ -12,10 +12,12 @@ import pytest
 from dualarm_cli.cli.run import run
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.files.robots.mesh_formats import stl_bytes
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.shape import Hull
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.starting.layout import _home_fault
 from dualarm_cli.starting.table import Table
@@ -131,6 +133,25 @@ def test_targets_that_the_planner_refuses_are_not_written(
     table = load_cell(Path("next") / "cell.yaml").cell.obstacles[0].shape
     assert np.allclose(table.pose.translation, calls[1])
     assert not np.allclose(calls[0], calls[1])
+
+
+@pytest.mark.usefixtures("unplanned")
+def test_visual_meshes_of_a_folder_come_along() -> None:
+    """Planning does not read them, the page does; also for two robots."""
+    corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
+    triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
+    Path("cover.stl").write_bytes(stl_bytes(Hull(corners, triangles)))
+    arm = Path(write_arm())
+    cover = '<link name="base"><visual><geometry><mesh filename="cover.stl"/></geometry></visual></link>'
+    arm.write_text(arm.read_text().replace('<link name="base"/>', cover))
+    assert run(["robot", "import", str(arm), "--out", "one"]) == 0
+    assert run(["robot", "import", "--left", str(arm), "--right", str(arm), "--out", "two"]) == 0
+    for source, copy in (("one", "one"), ("two/arm", "arm")):
+        name = source.split("/")[0]
+        [mesh] = Path(source).rglob("visual_*.stl")
+        assert run(["init", f"demo_{name}", "--robot", name]) == 0
+        copied = Path(f"demo_{name}") / copy / mesh.relative_to(source)
+        assert copied.read_bytes() == mesh.read_bytes()
 
 
 def test_a_wrist_that_does_not_face_the_front_gets_a_table() -> None:

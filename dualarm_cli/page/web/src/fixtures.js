@@ -23,6 +23,9 @@ const BESIDE = 0.12;
 const BOARD = 0.15;
 const THICK = 0.12;
 const RAISED = 0.25;
+/** Gap up to which links of the base stand on each other, and difference in height of those that share a floor [m]. */
+const JOINED = 0.02;
+const LEVEL = 0.01;
 /** Cosine of the tilt up to which a base counts as standing or hanging; length of the column of a hanging base [m]. */
 const VERTICAL = 0.97;
 const HANGER = 0.18;
@@ -68,6 +71,19 @@ export function loads(plan) {
     });
   }
   return frames.filter(({ frame, boxes }) => boxes.length > 0 && 1 - 2 * (frame.quat[0] ** 2 + frame.quat[1] ** 2) > 0.98);
+}
+
+/**
+ * Compute the bounds of a solid of a body with a given pose.
+ * @param {import("./types.js").Solid} solid
+ * @param {Pose} pose
+ * @param {Plan} plan
+ */
+function placedBox(solid, pose, plan) {
+  const mesh = new THREE.Mesh(geometryOf(solid, plan.hulls));
+  place(mesh, compose(pose, solid));
+  mesh.updateMatrixWorld(true);
+  return new THREE.Box3().setFromObject(mesh, true);
 }
 
 /** Drawings around the robot. */
@@ -177,7 +193,8 @@ export class Fixtures {
   /** Draw a foot plate and a column below each base that stands, a mount above those that hang, a plate behind tilted ones. */
   drawFeet() {
     const hanging = [];
-    for (const { mesh, box, up } of this.feet) {
+    for (const foot of this.feet) {
+      const { mesh, box, up } = foot;
       const size = box.getSize(new THREE.Vector3());
       const centre = box.getCenter(new THREE.Vector3());
       if (up.z < VERTICAL) {
@@ -185,9 +202,12 @@ export class Fixtures {
         if (up.z < -VERTICAL) hanging.push({ centre, top: box.max.z, wide: 0.6 * Math.min(size.x, size.y) });
         continue;
       }
-      if (this.feet.some((foot) => foot.box !== box && foot.box.min.z < box.min.z - 0.01 && foot.box.containsPoint(centre.clone().setZ(foot.box.min.z)))) continue;
+      // Legs and pedestals of the robot itself carry what is joined to them.
+      const { lowest, count } = standing(foot, this.feet);
+      if (box.min.z > lowest + LEVEL || this.feet.some((other) => other.box.min.z < box.min.z - LEVEL && other.box.containsPoint(centre.clone().setZ(other.box.min.z)))) continue;
       const height = box.min.z - this.floor;
-      if (height > 0.01) this.add(block(0.8 * size.x, 0.8 * size.y, height, 0.01), "frame", "pedestal", [centre.x, centre.y, this.floor + height / 2]);
+      if (height <= LEVEL && count > 1) continue;
+      if (height > LEVEL) this.add(block(0.8 * size.x, 0.8 * size.y, height, 0.01), "frame", "pedestal", [centre.x, centre.y, this.floor + height / 2]);
       this.add(block(1.3 * size.x, 1.3 * size.y, 0.014, 0.005), "frame", "foot plate", [centre.x, centre.y, this.floor + 0.007]);
     }
     if (hanging.length === 0) return;
@@ -227,6 +247,22 @@ export class Fixtures {
 }
 
 /**
+ * Find on what a link of the base stands: the lowest height of the links joined to it [m], and how many of them reach it.
+ * @param {{box: THREE.Box3}} foot
+ * @param {{box: THREE.Box3}[]} feet all links of the base
+ */
+function standing(foot, feet) {
+  const joined = new Set([foot]);
+  for (const { box } of joined) {
+    const around = box.clone().expandByScalar(JOINED);
+    for (const other of feet) if (around.intersectsBox(other.box)) joined.add(other);
+  }
+  const heights = [...joined].map(({ box }) => box.min.z);
+  const lowest = Math.min(...heights);
+  return { lowest, count: heights.filter((height) => height <= lowest + LEVEL).length };
+}
+
+/**
  * Find which way bases face: along the axis of their first joint. A base of several joints, as a torso, stands.
  * @param {{box: THREE.Box3, up: THREE.Vector3}[]} feet their directions are changed
  * @param {Plan} plan
@@ -235,7 +271,10 @@ function orient(feet, plan) {
   const first = plan.bodies.filter(({ parent, slides }) => parent === 0 && !slides);
   const joints = first.map((body) => {
     const pose = compose(plan.bodies[0], body);
-    const at = new THREE.Vector3(...pose.xyz);
+    // The origin of a joint may be anywhere on its axis; its link shows the side.
+    const link = new THREE.Box3();
+    for (const solid of plan.solids) if (solid.role === "link" && plan.bodies[solid.body] === body) link.union(placedBox(solid, pose, plan));
+    const at = link.isEmpty() ? new THREE.Vector3(...pose.xyz) : link.getCenter(new THREE.Vector3());
     const distances = feet.map(({ box }) => box.getCenter(new THREE.Vector3()).distanceTo(at));
     return { at, axis: new THREE.Vector3(...rotate(pose.quat, body.axis)), foot: feet[distances.indexOf(Math.min(...distances))] };
   });

@@ -246,6 +246,7 @@ class Gripper {
     /** @type {THREE.Mesh[]} */
     this.fingers = [];
     const reach = -this.flange.z;
+    if (tcp.hand && !this.changesTools) return;
     if (reach < 0.02 || this.changesTools) this.add(drum(0.032, 0.014), "tool-solid", new THREE.Vector3(0, 0, -reach + 0.007));
     else if (this.changes.length === 0) this.drawPointed(reach);
     else this.drawGripper(reach);

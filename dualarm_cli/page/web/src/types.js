@@ -112,7 +112,7 @@
  * @property {Solid[]} solids
  * @property {Solid[]} visuals how links look, where their files show it
  * @property {Hull[]} hulls
- * @property {Object<string, {body: number} & Pose>} tcps
+ * @property {Object<string, {body: number, hand?: boolean} & Pose>} tcps hand: the tool is the robot's own hand
  * @property {Object<string, Pose>} flanges in the bodies of the tool centre points
  * @property {string[]} [tools] a sentence for each tool, with its reason
  * @property {Object<string, Pose>} frames of the cell, in the world

@@ -158,3 +158,27 @@ test("bases stand on pedestals, hang from beams, and have nothing below them whe
   assert.ok(hanging["mount from above"].position.z > 1.2 && hanging["beam above"].position.z > hanging["mount from above"].position.z);
   for (const angle of [(5 * Math.PI) / 6, Math.PI / 2]) assert.deepEqual(Object.keys(mounted(half(angle))), ["mounting plate"]);
 });
+
+test("a base stands on the side on which its first link is, wherever the joint has its origin", () => {
+  const root = { ...upright(0, 0, 0), parent: -1, joint: -1, axis: [0, 0, 1], slides: false, name: "root" };
+  const joint = { ...upright(0, 0, 0), parent: 0, joint: 0, axis: [0, 0, 1], slides: false, name: "joint" };
+  const solids = [{ ...BASE, ...upright(0, 0, 0.07) }, { ...BASE, body: 1, ...upright(0, 0, 0.25) }];
+  const { group } = new Fixtures(cell({ frames: {}, objects: [], solids, bodies: [root, joint] }), new Materials(() => "#888888"));
+  assert.deepEqual(group.children.map(({ name }) => name.split(":")[0]), ["foot plate"]);
+});
+
+test("a robot on legs of its own has no pedestal", () => {
+  const root = { ...upright(0, 0, 0.8), parent: -1, joint: -1, axis: [0, 0, 1], slides: false, name: "root" };
+  const leg = (/** @type {number} */ y) => ({ ...BASE, kind: "box", size: [0.1, 0.1, 0.8], ...upright(0, y, -0.4) });
+  const pelvis = { ...BASE, kind: "box", size: [0.2, 0.3, 0.2], ...upright(0, 0, 0.1) };
+  const drawn = (/** @type {any[]} */ solids) => new Fixtures(cell({ frames: {}, objects: [], solids, bodies: [root] }), new Materials(() => "#888888")).group.children.map(({ name }) => name.split(":")[0]);
+  assert.deepEqual(drawn([pelvis]), ["pedestal", "foot plate"]);
+  assert.deepEqual(drawn([pelvis, leg(0.1), leg(-0.1)]), []);
+});
+
+test("the hand of a robot gets no drawn gripper", () => {
+  const tools = (/** @type {any} */ plan) => new Machine(plan, new Materials()).grippers.map(({ group }) => group.children.length);
+  const plan = robot(shapes[0]);
+  assert.ok(tools(plan)[0] > 0);
+  assert.deepEqual(tools({ ...plan, tcps: { left: { ...plan.tcps.left, hand: true } } }), [0]);
+});
