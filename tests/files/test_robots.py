@@ -162,6 +162,23 @@ def test_soft_limits_and_margins_narrow_positions(project: Path, change: Change)
     }
 
 
+def test_joints_that_controllers_slow_down_are_named(project: Path, change: Change) -> None:
+    """2 rad/s by a gain of 20 and 10 per second: from 0.1 and 0.2 rad before the soft limit; not with a margin."""
+    text = Path("tiny.urdf").read_text()
+    Path("tiny.urdf").write_text(re.sub(r'velocity="[^"]*"', 'velocity="2"', text))
+    for joint, gain in (("turn", 0), ("l1", 20), ("l2", 10), ("r1", 5)):
+        _soften(
+            joint, f'k_velocity="1" k_position="{gain}" soft_lower_limit="-3" soft_upper_limit="3"'
+        )
+    _soften("r2", 'k_velocity="1" k_position="5"')
+    change("robot.yaml", "r1: {", "r1: {position_margin: 0.5 rad, ")
+    assert (
+        "controllers slow joints down before their soft limits (k_position of the URDF), which plans do not: from "
+        "11.5 deg on, l1, l2; `position_margin` keeps away from there"
+        in load_robot(Path("robot.yaml")).notes
+    )
+
+
 @pytest.mark.parametrize(
     ("controller", "message"),
     [

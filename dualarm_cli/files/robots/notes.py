@@ -10,6 +10,8 @@ robot_note = NoteTable(
     equal_soft_limits="{joint}: its soft limits are equal and ignored, because they allow no motion",
     continuous="{joint} is continuous; its position is kept within ±{limit:g} rad",
     narrowed="position limits are narrowed by {cause}: {joints:listed}",
+    slowed="controllers slow joints down before their soft limits (k_position of the URDF), which plans do not: from "
+    "{distance} on, {joints:listed}; `position_margin` keeps away from there",
     jerk_rule="no jerk limit is given for {joints:*, }: `{rule}` is assumed; give `jerk`, or `jerk: none` for "
     "no limit",
     fixed="joints that neither platform nor arms name are fixed: {places:*; }",

@@ -199,6 +199,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[Note, ...]]:
     robot = replace(robot, stated_torques=stated)
     notes += [
         *_narrowed_notes(joints),
+        *_slowed_notes(joints),
         *assumed,
         *frozen_notes(urdf, frozen),
     ]
@@ -222,6 +223,20 @@ def _moving_joints(
     except InputError as error:
         findings.extend(error.diagnostics)
         findings.fail()
+
+
+def _slowed_notes(joints: Sequence[UrdfJoint]) -> list[Note]:
+    """Compose notes on joints that controllers slow down at positions which plans use."""
+    notes = []
+    for slides in (False, True):
+        slowed = [joint for joint in joints if joint.slowed and joint.slides == slides]
+        slowed = [joint for joint in slowed if "position_margin" not in joint.narrowed]
+        if slowed:
+            far = max(joint.slowed for joint in slowed)
+            distance = f"{1e3 * far:.3g} mm" if slides else f"{math.degrees(far):.3g} deg"
+            names = [joint.name for joint in slowed]
+            notes.append(robot_note("slowed", distance=distance, joints=names))
+    return notes
 
 
 def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[Note]:

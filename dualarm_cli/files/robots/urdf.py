@@ -137,6 +137,8 @@ class UrdfJoint:
     """Largest jerk [rad/s³ or m/s³], or None (URDF 1.2)."""
     narrowed: tuple[str, ...] = ()
     """Causes in words that narrow the positions below those of `<limit>`."""
+    slowed: float = 0.0
+    """Distance to a soft limit below which its controller limits the speed [rad or m]."""
 
 
 @dataclass(frozen=True)
@@ -322,7 +324,8 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
                 findings.add(joint, f"{message} have no position in common")
             narrowed = ("soft limits of the URDF",) if [lower, upper] != whole else ()
             ranges = lower, upper, velocity, acceleration, jerk
-            joints.append(UrdfJoint(joint.name, kind == "prismatic", *ranges, narrowed))
+            slowed = _slowed(joint, soft, velocity)
+            joints.append(UrdfJoint(joint.name, kind == "prismatic", *ranges, narrowed, slowed))
             if soft == UNLIMITED and joint.child_name("safety_controller", SOFT_LIMITS[0]):
                 notes.append(robot_note("equal_soft_limits", joint=what))
         if kind == "continuous" and soft == UNLIMITED:
@@ -355,6 +358,15 @@ def _limits(
         findings.add(limit, f"{what}: lower limit {lower[0]:g} is above upper limit {upper[0]:g}")
         return None
     return lower[0], upper[0], velocity[0]
+
+
+def _slowed(joint: Element, soft: tuple[float, float], velocity: float) -> float:
+    """Compute the distance to soft limits where k_position times it is below the top speed."""
+    try:
+        gain = float(joint.child_name("safety_controller", "k_position") or 0.0)
+    except ValueError:
+        gain = 0.0
+    return velocity / gain if gain > 0.0 and soft != UNLIMITED else 0.0
 
 
 def soft_range(joint: Element) -> tuple[float, float]:
