@@ -149,7 +149,10 @@ def tcp(model: pin.Model, cell: Cell, arm: str) -> tuple[int, pin.SE3]:
 
 
 def drawn_hands(model: pin.Model, cell: Cell) -> list[str]:
-    """List the arms whose tool is the robot's own hand: links with shapes, and no tool shapes."""
+    """List the arms whose tool is the robot's own hand.
+
+    Its links have shapes, and the tool has none.
+    """
     drawn = {solid.body for solid in link_solids(model, replace(cell.robot, meshes={}))}
     drawn |= {*cell.robot.meshes, *(mesh.link for mesh in cell.robot.visuals)}
     hands = cell.robot.hands.items()
