@@ -134,6 +134,22 @@ def test_the_first_pose_is_pasted_and_planned(tmp_path, monkeypatch, capsys):
         assert "verification: passed" in capsys.readouterr().out
 
 
+def test_bundled_openarms_pass_a_rod_at_the_first_pose(tmp_path, monkeypatch, capsys):
+    """With grippers as init writes them: the rod reaches from one tool centre point to the other one's."""
+    monkeypatch.chdir(tmp_path)
+    tool = "{tcp: {xyz: [0, 0, 80 mm]}, shapes: [{capsule: {radius: 20 mm, length: 40 mm}, xyz: [0, 0, 40 mm]}]}"
+    rod = "{shapes: [{box: [16 mm, 16 mm, 100 mm], xyz: [0, 0, 50 mm]}]}"
+    cell = f"dualarm: cell/1\nrobot: openarm\ntools:\n  left: {tool}\n  right: {tool}\nparts: {{rod: {rod}}}\n"
+    (tmp_path / "cell.yaml").write_text(cell)
+    assert run(["robot", "reach", "cell.yaml", "--step", "0.2", "--handover", "100 mm"]) == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines() if "handover:" in line]
+    text = JOB.format(giver="left", y="0.15", handover=lines[0])
+    text = text.replace("0.45, ", "0.2, ").replace("0.85", "0.525").replace("--", "")
+    (tmp_path / "tasks.yaml").write_text(text)
+    assert run(["plan", "tasks.yaml", "--effort", "quick", "--no-page"]) == 0
+    assert "verification: passed" in capsys.readouterr().out
+
+
 def test_the_document_has_both_tools_and_the_joints(capsys):
     """Joints by name, poses of both tools, and the grip; without the option no poses."""
     words = ["robot", "reach", "openarm", "--height", "0.5", "--step", "0.2", "--json"]
