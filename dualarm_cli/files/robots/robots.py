@@ -199,7 +199,6 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[Note, ...]]:
     robot = replace(robot, stated_torques=stated)
     notes += [
         *_narrowed_notes(joints),
-        *_slowed_notes(joints),
         *assumed,
         *frozen_notes(urdf, frozen),
     ]
@@ -240,7 +239,7 @@ def _slowed_notes(joints: Sequence[UrdfJoint]) -> list[Note]:
 
 
 def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[Note]:
-    """Compose a note for each cause of narrowed joint positions."""
+    """Compose notes on narrowed joint positions, and on joints slowed down at their ends."""
     causes = dict.fromkeys(cause for joint in joints for cause in joint.narrowed)
     return [
         robot_note(
@@ -249,7 +248,7 @@ def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[Note]:
             joints=[joint.name for joint in joints if cause in joint.narrowed],
         )
         for cause in causes
-    ]
+    ] + _slowed_notes(joints)
 
 
 def _check_description(document: Document, findings: Findings) -> bool:
