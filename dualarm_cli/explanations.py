@@ -283,10 +283,11 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "A joint cannot bear its load",
         (
             "Tool and part are too heavy for a joint where the arm has to be.",
+            "At its given speed a path, a seam or a conveyor requires more than an effort.",
             "The effort in the URDF is too low, or springs and counterweights are missing in it.",
         ),
         (
-            "Give a lighter part, a nearer target, or another arm.",
+            "Give a lighter part, a nearer target, or another arm; paths and seams: `slower: allowed`.",
             "State the true effort or the springs in the robot file: `torques: {…}`.",
             "`torque: checked` in the cell file measures torques without a limit.",
         ),

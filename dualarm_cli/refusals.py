@@ -287,6 +287,14 @@ _TORQUES = {
     "effort; give a lighter part or another target, or springs and the true effort in the robot file (`torques`)",
     "rated": "{joint} needs {measured:.4g} {unit} on average (RMS) over the cycle, {share:.0%} of its rated effort, "
     "even if motion is {factor:g} times slower; give a lighter part, or targets with shorter levers",
+    "overload": "{joint} needs {measured:.4g} {unit} at {time:.2f} s{carrying}, {share:.0%} of its effort",
+    "torque_on_path": "task '{task}': {cause}, at the speed of the file; write 'slower: allowed', or give at most "
+    "{most:.0%} of the speed",
+    "torque_on_entry": "task '{task}': {cause}, before the seam; give its entry a longer duration",
+    "torque_on_belt": "task '{task}': {cause}, while the tool follows a part on a conveyor; give a lighter part, "
+    "another place, or a slower conveyor",
+    "late_by_torque": "task '{task}': its part on a conveyor would be met {measured:.3f} s late, as joints are slowed "
+    "to their efforts; give a later 'passes', lighter parts, or less work before it",
 }
 _CALIBRATION = {
     "few_points": "{points:#|#} {points:point does|points do} not determine the base of one robot relative to the "

@@ -21,13 +21,8 @@ from dualarm_cli.model.joint_motion import merge
 from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
-from dualarm_cli.motion.torque_limits import (
-    SETTINGS,
-    PayloadSpan,
-    carried_inertias,
-    payload_spans,
-    sampled_motion,
-)
+from dualarm_cli.motion.payloads import PayloadSpan, carried_inertias, payload_spans
+from dualarm_cli.motion.torque_limits import SETTINGS, sampled_motion
 from dualarm_cli.motion.torque_transfer import State, TransferEnds, transfer_within_torques
 from dualarm_cli.motion.transfers import largest_tool_speed
 from dualarm_cli.notes import Note, NoteTable
@@ -58,7 +53,7 @@ class _Shaped:
 
 
 def reshaped_within_torques(
-    problem: MethodProblem, motion: Motion, holding: Holding | None
+    problem: MethodProblem, motion: Motion, holding: Holding | None, *, late: bool = False
 ) -> tuple[Motion, list[Note]]:
     """Replace transfers beyond torques where that can be done, with a note.
 
@@ -66,13 +61,14 @@ def reshaped_within_torques(
         problem: of the job, with the arms of all tasks.
         motion: synchronous stages, or those of an arm alone.
         holding: bodies that must not collide; None checks none.
+        late: whether belts may be met later than planned, as in estimates of delays.
     """
     job = problem.job
     if not problem.limits_torques or not np.isfinite(job.limits.jerk).all():
         return motion, []
     shaped = _replacements(job, motion)
     while shaped:
-        changed = _with_shapes(job, motion, shaped)
+        changed = _with_shapes(job, motion, shaped, late=late)
         if isinstance(changed, int):
             # The belt of a stage would be met too late: the largest delay before it goes.
             before = [key for key in shaped if key[0] <= changed]
@@ -175,7 +171,7 @@ def _tracks(job: Job, motion: Motion) -> dict[str, Trajectory]:
 
 
 def _with_shapes(
-    job: Job, motion: Motion, shaped: Mapping[tuple[int, str], _Shaped]
+    job: Job, motion: Motion, shaped: Mapping[tuple[int, str], _Shaped], *, late: bool
 ) -> Motion | int:
     """Build the motion with replaced transfers, or return the stage whose belt it misses."""
     tracks, arms = _tracks(job, motion), [arm.name for arm in job.cell.robot.arms]
@@ -189,7 +185,7 @@ def _with_shapes(
         here = {n: shaped[k, n] for n in tracks if (k, n) in shaped}
         edits = _edits(motion, tracks, stage, here, meets)
         met = [e for e in motion.events if e.moves and _stage_of(e, motion.stages) == k]
-        skipped = _skipped(motion, stage, clock - stage.start, met, edits)
+        skipped = _skipped(motion, stage, clock - stage.start, met, edits, late=late)
         if skipped is None:
             return k
         for name, track in tracks.items():
@@ -313,6 +309,8 @@ def _skipped(
     lag: float,
     met: Sequence[Event],
     edits: Mapping[str, _Edit],
+    *,
+    late: bool,
 ) -> float | None:
     """Compute how much shorter a common wait for a belt or a window is [s].
 
@@ -322,6 +320,7 @@ def _skipped(
         lag: by which the stage would begin later [s].
         met: events on belts in the stage.
         edits: of the stage, by group.
+        late: whether belts may be met later.
 
     Returns:
         The time, or None if a belt would not be met.
@@ -341,7 +340,7 @@ def _skipped(
         return min(lag, room)
     needed = lag + max(later)
     is_met = max(later) - min(later) <= SAME_TIME and needed <= room + SAME_TIME
-    return min(needed, room) if is_met else None
+    return min(needed, room) if late or is_met else None
 
 
 def _rest(

@@ -8,6 +8,7 @@ from typing import Any
 
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
+from dualarm_cli.clearing.torque_shapes import reshaped_within_torques
 from dualarm_cli.errors import Diagnostic
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
@@ -77,6 +78,11 @@ class SectionTools:
         stage = StagePlan(start, goal, goal, {}, "transfer", duration)
         decided, check = Decided([stage]), self.check_collisions
         return quickest_clear(problem, lambda _: decided, self.timing, check_collisions=check)
+
+    def shaped(self, transfer: ClearedPlan) -> tuple[Motion, list[Note]]:
+        """Give a transfer beyond joint torques another shape, with notes."""
+        problem = self.part((), None)
+        return reshaped_within_torques(problem, transfer.cleared.motion, transfer.holding)
 
     def part(self, tasks: tuple[Task, ...], start: FloatArray | None) -> MethodProblem:
         """Restrict the problem to some tasks and a start, None for any start."""

@@ -7,20 +7,20 @@ follow dwells that would become longer.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.dynamics import Dynamics
-from dualarm_cli.model.cell import Held
-from dualarm_cli.model.job import ANY, GIVES, TAKES, Job
+from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.payloads import PayloadSpan, carried_inertias, payload_spans
+from dualarm_cli.motion.timed_work import timed_spans
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -41,6 +41,8 @@ class TorqueSettings:
     """Largest distance of two instants [s]."""
     reserve: float = 3e-3
     """Fraction of efforts that is kept, for peaks between instants."""
+    ahead: float = 5e-3
+    """Fraction of efforts that is kept by paths, seams and motion on belts."""
     slowest: float = 4.0
     """Largest factor by which motion is slowed for rated efforts."""
     at_rest: float = 1e-9
@@ -52,20 +54,21 @@ SHORTEST = 1e-3
 """Fraction of a wait that remains at least."""
 
 
-def within_torques(job: Job, motion: Motion) -> tuple[Motion, list[Note]]:
+def within_torques(job: Job, motion: Motion, *, late: bool = False) -> tuple[Motion, list[Note]]:
     """Slow a motion where joints would exceed their torques, with a note.
 
-    Motion that follows a path, a seam or a belt has its own time and stays; the verifier judges it. Waits for a belt
-    become shorter by what is slowed before them.
+    Waits for a belt become shorter by what is slowed before them.
 
     Args:
         job: with the tasks of all events, and a cell that limits torques.
         motion: of all joints.
+        late: whether belts may be met later than planned, as in estimates of delays.
 
     Raises:
-        InfeasibleError: a joint cannot hold still at a place of the motion.
+        InfeasibleError: a joint cannot hold still at a place of the motion, exceeds its torques on a path, a seam or a
+            belt whose time the job gives, or a belt would be met too late.
     """
-    factors, edges, joint, notes = _slowing(job, motion)
+    factors, edges, joint, notes = _slowing(job, motion, late=late)
     if not (factors > 1.0).any():
         return motion, []
     slowed = _slowed(motion, factors, edges)
@@ -76,47 +79,9 @@ def within_torques(job: Job, motion: Motion) -> tuple[Motion, list[Note]]:
     return slowed, [note, *notes]
 
 
-@dataclass(frozen=True)
-class PayloadSpan:
-    """Load of an arm during a span of time."""
-
-    arm: str
-    """Arm."""
-    start: float
-    """Start [s]."""
-    end: float
-    """End [s]."""
-    held: Held
-    """The part in its tool, or the tool."""
-
-
-def payload_spans(job: Job, motion: Motion) -> list[PayloadSpan]:
-    """List what the arms carry, from event to event."""
-    tasks = {(task.arm, task.id): task for task in job.tasks}
-    loads, end = [], float(motion.trajectory.time[-1])
-    for arm in (part.name for part in job.cell.robot.arms):
-        # A tool that is on at the start stays on until it is left.
-        taken: dict[bool, tuple[float, Held]] = {}
-        if tool := job.cell.start_tool(arm):
-            taken[True] = (0.0, Held(tool))
-        for event in sorted(motion.events, key=lambda event: event.time):
-            # A section's order may have chosen the arm of a task that any arm may do.
-            task = tasks.get((event.arm, event.task)) or tasks.get((ANY, event.task))
-            if event.arm != arm or task is None:
-                continue
-            if event.action in TAKES and (task.is_change or task.part):
-                taken[task.is_change] = (
-                    event.time,
-                    Held(task.tool, "" if task.is_change else task.part),
-                )
-            elif event.action in GIVES and task.is_change in taken:
-                start, held = taken.pop(task.is_change)
-                loads.append(PayloadSpan(arm, start, event.changes_held, held))
-        loads += [PayloadSpan(arm, start, end, held) for start, held in taken.values()]
-    return [load for load in loads if job.cell.load_inertia(load.arm, load.held).mass > 0.0]
-
-
-def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int, list[Note]]:
+def _slowing(
+    job: Job, motion: Motion, *, late: bool
+) -> tuple[FloatArray, IntArray, int, list[Note]]:
     """Compute the factor of every span between rests, and the joint of the largest one.
 
     Returns:
@@ -127,7 +92,9 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int, list[
     rests = np.flatnonzero(still <= SETTINGS.at_rest)
     edges = np.unique(np.concatenate([[0], rests, [len(still) - 1]]))
     times = trajectory.time[edges]
-    squares, joint, loads = np.ones(len(times) - 1), 0, payload_spans(job, motion)
+    if trajectory.duration <= 0.0:
+        return np.ones(len(times) - 1), edges, 0, []
+    loads = payload_spans(job, motion)
     bounds = np.unique([trajectory.time[0], *(t for load in loads for t in (load.start, load.end))])
     models: dict[tuple[PayloadSpan, ...], Dynamics] = {}
     instants: list[_Instants] = []
@@ -140,26 +107,24 @@ def _slowing(job: Job, motion: Motion) -> tuple[FloatArray, IntArray, int, list[
             models[key] = Dynamics(job.cell, carried_inertias(job, held))
         time, knot, (q, v, a) = sampled_motion(trajectory, float(first), float(last))
         parts = models[key].torques(q, v, a)
-        square, columns = _least_squares(job, models[key].limit, time, parts, held)
-        span = _span(edges, knot)
-        instants.append(_Instants(time, span, v, *parts))
-        worst = int(np.argmax(square))
-        if square[worst] > squares.max():
-            joint = int(columns[worst])
-        np.maximum.at(squares, span, square)
-    fixed = [(s.start, s.end) for s in motion.segments if s.kind in ("path", "seam")]
-    met = sorted(event.time + event.dwell for event in motion.events if event.moves)
-    fixed += [(event.time, event.time + event.dwell) for event in motion.events if event.moves]
-    for start, end in fixed:
-        squares[(times[:-1] < end + SAME_TIME) & (times[1:] > start - SAME_TIME)] = 1.0
+        worst = _least_squares(job, models[key].limit, time, parts, held)
+        instants.append(_Instants(time, _span(edges, knot), v, *parts, *worst, tuple(held)))
+    squares = np.ones(len(times) - 1)
+    for part in instants:
+        np.maximum.at(squares, part.span, part.square)
+    loose = np.ones(len(squares), dtype=np.bool_)
+    for timed in timed_spans(job, motion):
+        inside = (times[:-1] < timed.end - SAME_TIME) & (times[1:] > timed.start + SAME_TIME)
+        if (squares[inside] > 1.0).any():
+            part, row = _worst_instant(instants, inside)
+            raise InfeasibleError(timed.overloaded(*_overload(job, part, row)))
+        loose &= ~inside
+    part, row = _worst_instant(instants, loose)
     factors, notes = np.sqrt(squares), list[Note]()
     if np.isfinite(job.cell.robot.torques.rated).any():
-        loose = np.ones(len(factors), dtype=np.bool_)
-        for start, end in fixed:
-            loose &= (times[:-1] >= end + SAME_TIME) | (times[1:] <= start - SAME_TIME)
         factors, notes = _within_rated(job, instants, factors, loose)
-    _recover(motion, factors, times, met)
-    return factors, edges, joint, notes
+    _recover(job, motion, factors, times, late=late)
+    return factors, edges, int(part.joint[row]), notes
 
 
 @dataclass(frozen=True)
@@ -178,6 +143,12 @@ class _Instants:
     """Torques of the motion, shape (k, n)."""
     viscous: FloatArray
     """Torques of viscous friction, shape (k, n)."""
+    square: FloatArray
+    """Least squares of the slowing factor, shape (k,)."""
+    joint: IntArray
+    """Indices of the joints that need it, shape (k,)."""
+    held: tuple[PayloadSpan, ...]
+    """Loads of the arms."""
 
     def squares(self, factors: FloatArray, coulomb: FloatArray) -> tuple[FloatArray, float]:
         """Integrate squared torques (n,) over the motion slowed by factors, and its duration [s]."""
@@ -244,30 +215,44 @@ def _within_rated(
     return slowed(high), [torque_note("rated", factor=high, joint=name)]
 
 
-def _recover(motion: Motion, factors: FloatArray, times: FloatArray, met: Sequence[float]) -> None:
+def _worst_instant(instants: Sequence[_Instants], spans: BoolArray) -> tuple[_Instants, int]:
+    """Find the instant within some spans (m,) that requires most slowing."""
+    rows = [(part, int(np.argmax(part.square * spans[part.span]))) for part in instants]
+    return max(rows, key=lambda place: place[0].square[place[1]] * spans[place[0].span[place[1]]])
+
+
+def _recover(
+    job: Job, motion: Motion, factors: FloatArray, times: FloatArray, *, late: bool
+) -> None:
     """Shorten the waits for belts by what comes later before them.
 
-    Where they are too short, no motion since the last meeting is slowed.
-
     Args:
+        job: with the tasks of all events.
         motion: of all joints.
         factors: of each span, changed, shape (m,).
         times: at the edges of the spans [s], shape (m + 1,).
-        met: ends of the meetings with belts, in order [s].
+        late: whether belts may be met later.
+
+    Raises:
+        InfeasibleError: the waits before a belt are too short.
     """
-    lengths, first = np.diff(times), 0
-    for end in met:
-        last = int(np.searchsorted(times[:-1], end - SAME_TIME))
+    lengths, first, lag = np.diff(times), 0, 0.0
+    for event in sorted(motion.events, key=lambda event: event.time + event.dwell):
+        if not event.moves:
+            continue
+        last = int(np.searchsorted(times[:-1], event.time + event.dwell - SAME_TIME))
         spans = np.arange(first, last)
-        lag = float(((factors - 1.0) * lengths)[spans].sum())
+        lag += float(((factors - 1.0) * lengths)[spans].sum())
         waits = [k for k in spans if lag > 0.0 and _waits_for_belt(motion, times[k], times[k + 1])]
         # A wait that remains has a length, so that times rise.
         room = lengths[waits] * (1.0 - SHORTEST)
-        if lag > float(room.sum()):
-            factors[spans] = 1.0
-        elif lag > 0.0:
-            factors[waits] -= room / lengths[waits] * (lag / float(room.sum()))
-        first = last
+        shorter = min(lag, float(room.sum()))
+        if shorter > 0.0:
+            factors[waits] -= room / lengths[waits] * (shorter / float(room.sum()))
+        lag, first = lag - shorter, last
+        if lag > SAME_TIME and not late:
+            task = next(task for task in job.tasks if task.id == event.task)
+            raise InfeasibleError(Refusal("late_by_torque", task.place, event.task, event.arm, lag))
 
 
 def _waits_for_belt(motion: Motion, start: float, end: float) -> bool:
@@ -286,15 +271,6 @@ def _waits_for_belt(motion: Motion, start: float, end: float) -> bool:
 def _span(edges: IntArray, knot: IntArray) -> IntArray:
     """Find the spans of knots; of two at one time the first ends the span before."""
     return np.clip(np.searchsorted(edges, knot, side="right") - 1, 0, len(edges) - 2)
-
-
-def carried_inertias(job: Job, held: Sequence[PayloadSpan]) -> Mapping[str, pin.Inertia]:
-    """Sum the inertias of the arms' loads."""
-    total: dict[str, pin.Inertia] = {}
-    for load in held:
-        inertia = job.cell.load_inertia(load.arm, load.held)
-        total[load.arm] = total[load.arm] + inertia if load.arm in total else inertia
-    return total
 
 
 def sampled_motion(
@@ -329,7 +305,7 @@ def _least_squares(
     time: FloatArray,
     torques: tuple[FloatArray, FloatArray, FloatArray],
     held: Sequence[PayloadSpan],
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, IntArray]:
     """Compute the least square of the slowing factor at instants, and its joint.
 
     Returns:
@@ -338,42 +314,93 @@ def _least_squares(
     Raises:
         InfeasibleError: a joint cannot hold still.
     """
-    at_rest, moving, viscous = torques
-    limit = (1.0 - SETTINGS.reserve) * most
+    limit, at_rest = (1.0 - SETTINGS.reserve) * most, torques[0]
     lacking = np.abs(at_rest) - limit
     k, joint = np.unravel_index(int(np.argmax(lacking)), lacking.shape)
     if lacking[k, joint] >= 0.0:
         raise InfeasibleError(
             _cannot_hold(job, float(time[k]), int(joint), float(at_rest[k, joint]), held)
         )
+    squares = least_squares(limit, torques)
+    return squares.max(axis=1), squares.argmax(axis=1)
+
+
+def least_squares(
+    limit: FloatArray, torques: tuple[FloatArray, FloatArray, FloatArray]
+) -> FloatArray:
+    """Compute the least squares of slowing factors within limits (n,), shape (k, n).
+
+    Args:
+        limit: greater than the torques at rest [N m or N].
+        torques: at rest, of the motion, of viscous friction, each (k, n).
+    """
+    at_rest, moving, viscous = torques
     # With u = 1 / factor: |moving| u² + along u <= room, and against `moving` -along u <= opposite.
     sign = np.copysign(1.0, moving)
     room, opposite = (limit - s * at_rest for s in (sign, -sign))
     along = sign * viscous
     root = np.sqrt(np.square(along) + 4.0 * np.abs(moving) * room)
     squares = np.abs(moving) / room + along * (along + root) / (2.0 * np.square(room))
-    np.maximum(squares, np.square(np.minimum(along, 0.0) / opposite), out=squares)
-    return squares.max(axis=1), squares.argmax(axis=1)
+    return np.maximum(squares, np.square(np.minimum(along, 0.0) / opposite), out=squares)
+
+
+def least_slowing(dynamics: Dynamics, motion: Trajectory) -> tuple[float, int]:
+    """Compute the least slowing factor of a motion, at knots and middles, and its joint.
+
+    The factor is infinite where a joint cannot hold still.
+
+    Args:
+        dynamics: of the robot with its loads.
+        motion: of all joints.
+    """
+    middles = (motion.time[1:] + motion.time[:-1]) / 2.0
+    torques = dynamics.torques(*motion.clamped(np.concatenate([motion.time, middles])))
+    limit = (1.0 - SETTINGS.ahead) * dynamics.limit
+    excess = np.abs(torques[0]).max(axis=0) / limit
+    if excess.max() >= 1.0:
+        return np.inf, int(np.argmax(excess))
+    squares = least_squares(limit, torques).max(axis=0)
+    return float(np.sqrt(squares.max())), int(np.argmax(squares))
 
 
 def _cannot_hold(
     job: Job, time: float, joint: int, torque: float, held: Sequence[PayloadSpan]
 ) -> Refusal:
     """Build the refusal of a joint that cannot hold still."""
+    torque, effort, data = _overload_data(job, time, joint, torque, held)
+    return Refusal("cannot_hold", measured=torque, allowed=effort, data=data)
+
+
+def _overload(job: Job, part: _Instants, row: int) -> tuple[float, float, dict[str, object]]:
+    """Describe an instant: torque and effort [N m or N], and data of a refusal."""
+    joint = int(part.joint[row])
+    torque = float((part.at_rest + part.moving + part.viscous)[row, joint])
+    whole = _overload_data(job, float(part.time[row]), joint, torque, part.held)
+    whole[2]["most"] = 1.0 / np.sqrt(part.square[row])
+    return whole
+
+
+def _overload_data(
+    job: Job, time: float, joint: int, torque: float, held: Sequence[PayloadSpan]
+) -> tuple[float, float, dict[str, object]]:
+    """Describe a torque: with friction, effort [N m or N], and data of a refusal."""
     robot = job.cell.robot
     effort = float(robot.torques.effort[joint])
     torque = abs(torque) + float(robot.torques.coulomb[joint])
     loads = [f"{load.arm} {load.held.name}" for load in held]
-    data = {
-        "joint": robot.joints[joint],
-        "unit": robot.torque_unit(robot.joints[joint]),
-        "torque": torque,
-        "share": torque / effort,
-        "time": time,
-        "loads": loads,
-        "carrying": f", carrying {' and '.join(loads)}" if loads else "",
-    }
-    return Refusal("cannot_hold", measured=torque, allowed=effort, data=data)
+    return (
+        torque,
+        effort,
+        {
+            "joint": robot.joints[joint],
+            "unit": robot.torque_unit(robot.joints[joint]),
+            "torque": torque,
+            "share": torque / effort,
+            "time": time,
+            "loads": loads,
+            "carrying": f", carrying {' and '.join(loads)}" if loads else "",
+        },
+    )
 
 
 def _slowed(motion: Motion, factors: FloatArray, knots: IntArray) -> Motion:

@@ -84,12 +84,14 @@ class SectionPlanner(SectionTools):
         assert position is not None  # a job has at least one task
         if job.returns and np.abs(first - position).max() > 0.0:
             cleared = planner.transfer(position, first)
-            record.append(cleared.cleared.motion)
+            motion, reshaped = self.shaped(cleared)
+            record.append(motion)
+            record.notes += reshaped
             record.count(cleared)
         cost = record.cost if self.check_collisions else None
-        motion = record.build(robot)
+        whole = record.build(robot)
         notes = (*record.notes, *clearance_notes(record.cleared))
-        return PlannedSections(motion, notes, cost, record.stage_plans)
+        return PlannedSections(whole, notes, cost, record.stage_plans)
 
     def _add_stops(
         self,

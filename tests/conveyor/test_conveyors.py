@@ -258,7 +258,7 @@ def test_lateness_counts_where_it_comes_up():
     ]
     late = SimpleNamespace(events=[event("a", 1.2), event("b", 3.2), event("c", 4.3)])
     found = SimpleNamespace(cleared=SimpleNamespace(plans=plans, motion=late))
-    assert conveyor_plan._delays(found) == pytest.approx({(0, "left"): 0.2, (2, "left"): 0.1})
+    assert conveyor_plan._delays(found, late) == pytest.approx({(0, "left"): 0.2, (2, "left"): 0.1})
     back = SimpleNamespace(events=[event("a", 1.2), event("b", 3.0), event("c", 4.3)])
     again = SimpleNamespace(cleared=SimpleNamespace(plans=plans, motion=back))
-    assert conveyor_plan._delays(again) == pytest.approx({(0, "left"): 0.2, (2, "left"): 0.3})
+    assert conveyor_plan._delays(again, back) == pytest.approx({(0, "left"): 0.2, (2, "left"): 0.3})

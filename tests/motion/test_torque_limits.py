@@ -13,8 +13,9 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY
+from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
-from dualarm_cli.model.schedule import Event, Segment
+from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import SETTINGS, within_torques
@@ -33,6 +34,13 @@ def job_of(
     stated = {name: value * ONE for name, value in torques.items()}
     cell = replace(pendulum(effort, base, **stated), torque=rule)
     return SimpleNamespace(cell=cell, tasks=())
+
+
+def task_of(name: str, **keys: object) -> SimpleNamespace:
+    """A task as far as torques look at it."""
+    plain = {"arm": "left", "tool": "", "is_change": False, "part": "", "path": None, "seam": None}
+    stop = SimpleNamespace(action="place", place=NOWHERE)
+    return SimpleNamespace(**{"id": name, "stops": (stop,), "place": NOWHERE, **plain, **keys})
 
 
 def swing() -> Motion:
@@ -79,7 +87,7 @@ def test_a_part_counts_whichever_arm_its_task_names(arm: str) -> None:
     """(M + 3 kg) L² a to a quarter: twice the time of the first swing, also where any arm may pick."""
     peak = (MASS + PART) * LENGTH**2 * ACCELERATION
     job = job_of(peak / 4.0 / (1.0 - SETTINGS.reserve))
-    job.tasks = (SimpleNamespace(id="a", arm=arm, tool="", is_change=False, part="box"),)
+    job.tasks = (task_of("a", arm=arm, part="box"),)
     pick = Event(0.0, "left", "a", "pick", "left_tcp", pin.SE3.Identity(), 0.0)
     motion, _ = within_torques(job, replace(swing(), events=(pick,)))
     assert motion.trajectory.time[4] == pytest.approx(8 * H)
@@ -125,15 +133,79 @@ def test_torques_are_limited_by_rule_and_data(job: SimpleNamespace, limited: boo
     assert limits_torques(job.cell) == limited
 
 
-def test_motion_before_a_meeting_with_a_belt_is_not_slowed_without_a_wait() -> None:
-    """The belt is met at 0.4 s: the first swing keeps its time, and one after it would be slowed."""
+def test_a_belt_that_would_be_met_too_late_is_a_refusal() -> None:
+    """It is met at 0.4 s, and the first swing takes twice its time; in estimates of delays it is met then."""
     motion = swing()
     met = replace(motion.events[0], velocity=(0.1, 0.0, 0.0), dwell=0.0)
-    weak = job_of(MASS * LENGTH**2 * ACCELERATION * 0.2 / 4.0 / (1.0 - SETTINGS.reserve))
-    slowed, _ = within_torques(weak, replace(motion, events=(met,)))
-    # The way back has a fifth of the acceleration, of which a quarter is allowed: twice its time.
-    expected = np.array([0, 1, 2, 3, 4, 5, 7, 9, 11, 13]) * H
-    np.testing.assert_allclose(slowed.trajectory.time, expected, atol=1e-12)
+    weak = job_of(MASS * LENGTH**2 * ACCELERATION / 4.0 / (1.0 - SETTINGS.reserve))
+    weak.tasks, motion = (task_of("a"),), replace(motion, events=(met,))
+    with pytest.raises(InfeasibleError, match=r"would be met 0\.400 s late"):
+        within_torques(weak, motion)
+    slowed, _ = within_torques(weak, motion, late=True)
+    assert slowed.events[0].time == pytest.approx(0.8, abs=1e-12)
+
+
+PEAK = MASS * LENGTH**2 * ACCELERATION
+
+
+def test_a_part_on_a_belt_that_is_followed_beyond_an_effort_is_a_refusal() -> None:
+    """From 0.1 to 0.3 s the tool follows it: m L² 40 rad/s² at 0.1 s of an effort of a half."""
+    met = replace(swing().events[0], time=0.1, velocity=(0.1, 0.0, 0.0), dwell=0.2)
+    weak = job_of(PEAK / 2.0)
+    weak.tasks = (task_of("a"),)
+    with pytest.raises(InfeasibleError) as caught:
+        within_torques(weak, replace(swing(), events=(met,)))
+    [refusal] = caught.value.refusals
+    assert (refusal.measured, refusal.allowed) == pytest.approx((PEAK, PEAK / 2.0))
+    assert "swing needs 20 N m at 0.10 s, 200% of its effort, while the tool follows" in str(
+        refusal
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "slower"), [("path", True), ("path", False), ("seam", True), ("seam", False)]
+)
+def test_paths_and_seams_are_slowed_only_as_the_file_allows(kind: str, slower: bool) -> None:
+    """The first swing follows it: a quarter of the torque takes twice the time; the way back is as fast as before."""
+    motion = replace(
+        swing(), segments=(Segment("left", kind, "a", kind, 0.0, 0.4), *swing().segments[1:])
+    )
+    weak = job_of(PEAK / 4.0 / (1.0 - SETTINGS.reserve))
+    work = SimpleNamespace(slower=slower, place=NOWHERE, entry_duration=None)
+    weak.tasks = (task_of("a", **{kind: work}),)
+    if not slower:
+        with pytest.raises(
+            InfeasibleError, match=r"399% of its effort.*or give at most 50% of the speed"
+        ):
+            within_torques(weak, motion)
+        return
+    slowed, _ = within_torques(weak, motion)
+    expected = np.array([0, 2, 4, 6, 8, 9, 10, 11, 12, 13]) * H
+    np.testing.assert_allclose(slowed.trajectory.time, expected)
+    assert slowed.segments[0].end == pytest.approx(0.8)
+
+
+def test_transfers_beside_a_path_are_slowed() -> None:
+    """The way back follows a path at its speed, which is within the effort; the first swing is not."""
+    way = Segment("left", "path", "a", "path", 0.5, 0.9)
+    motion = replace(swing(), segments=(*swing().segments[:2], way))
+    weak = job_of(PEAK / 4.0 / (1.0 - SETTINGS.reserve))
+    weak.tasks = (task_of("a", path=SimpleNamespace(slower=False, place=NOWHERE)),)
+    slowed, _ = within_torques(weak, motion)
+    assert slowed.trajectory.time[4] == pytest.approx(0.8)
+    assert slowed.segments[-1].end - slowed.segments[-1].start == pytest.approx(0.4)
+
+
+def test_an_entry_of_given_duration_is_not_slowed() -> None:
+    """The swing leads to a seam within 0.5 s, with its dwell: beyond the effort there is no plan."""
+    seam = Segment("left", "seam", "a", "seam_end", 0.5, 0.9)
+    stage = Stage(0.0, 0.5, ("a",), "", None, 0.0, {}, {}, "")
+    motion = replace(swing(), segments=(*swing().segments[:2], seam), stages=(stage,))
+    weak = job_of(PEAK / 4.0 / (1.0 - SETTINGS.reserve))
+    work = SimpleNamespace(slower=True, place=NOWHERE, entry_duration=0.5)
+    weak.tasks = (task_of("a", seam=work),)
+    with pytest.raises(InfeasibleError, match="before the seam; give its entry a longer"):
+        within_torques(weak, motion)
 
 
 def test_a_wait_for_a_belt_is_shorter_by_what_is_slowed_before_it() -> None:
@@ -149,6 +221,7 @@ def test_a_wait_for_a_belt_is_shorter_by_what_is_slowed_before_it() -> None:
     )
     met = replace(motion.events[0], time=1.7, velocity=(0.1, 0.0, 0.0), dwell=0.0)
     weak = job_of(MASS * LENGTH**2 * ACCELERATION / 4.0 / (1.0 - SETTINGS.reserve))
+    weak.tasks = (task_of("a"),)
     slowed, _ = within_torques(
         weak, replace(motion, trajectory=trajectory, segments=segments, events=(met,))
     )

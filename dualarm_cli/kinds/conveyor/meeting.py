@@ -11,7 +11,9 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.conveyor.tracking import Tracking
+from dualarm_cli.kinds.conveyor.tracking_torques import TrackingTorques
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.part_flow import OnBelt
@@ -246,6 +248,8 @@ class ConveyorMeeting:
     """Known delays of arms, such as those of repairs."""
     cache: MotionCache = field(default_factory=MotionCache)
     """Cache of timed motions."""
+    dynamics: dict[object, Dynamics] | None = None
+    """Models whose torques limit motions on belts, completed on demand; None for no limit."""
 
     def met(self, plans: list[StagePlan]) -> list[StagePlan]:
         """Convert stages so that every part is met and followed as early as possible.
@@ -372,7 +376,7 @@ class ConveyorMeeting:
         shift = velocity * (time - belt.at)
         stop_problem = arm_stop.problem
         problem = replace(stop_problem, p_base_tool=stop_problem.p_base_tool + shift)
-        limits = job.limits
+        limits, models = job.limits, self.dynamics
         tracking = Tracking(
             problem,
             arm_stop.posture,
@@ -381,6 +385,9 @@ class ConveyorMeeting:
             limits.select(model.arms[arm_stop.arm].arm.joints),
             job.tool_speed,
             1.0 / job.speed,
+            None
+            if models is None
+            else TrackingTorques.of(job.cell, arm_stop, plan.arrival, models),
         )
         decided, tracked = followed_posture(tracking, previous)
         posture = replace(

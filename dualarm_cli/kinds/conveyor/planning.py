@@ -13,6 +13,7 @@ import numpy as np
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.stage_samples import KEPT, StageSamples, stage_samples
+from dualarm_cli.clearing.torque_shapes import reshaped_within_torques
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.rooms import RoomKey, rooms_of
@@ -22,6 +23,8 @@ from dualarm_cli.kinds.conveyor.meeting import ConveyorMeeting, MissedError, Tim
 from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.model.trajectory import SAME_TIME
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.torque_limits import within_torques
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
@@ -120,8 +123,8 @@ def quickest_meeting(
 
     A simple method plans with parts in the middle of their windows and so estimates the arms' arrivals. The method
     itself then plans with the parts at their places at those times. Each plan is corrected so that it meets its parts
-    exactly (`ConveyorMeeting`), and re-planned only if a part is met far from its guessed place. A delay by a repair is
-    added to the arm's arrival.
+    exactly (`ConveyorMeeting`), and re-planned only if a part is met far from its guessed place. A delay by a repair or
+    by slowing for torques is added to the arm's arrival.
 
     Args:
         problem: the method's problem, whose job has arms and order decided.
@@ -138,10 +141,17 @@ def quickest_meeting(
     best: ClearedPlan | None = None
     failure: InfeasibleError | None = None
     for _ in range(BELT.rounds):
-        meeting = ConveyorMeeting(variant.model, variant.job, timing, dict(delays))
+        meeting = ConveyorMeeting(
+            variant.model,
+            variant.job,
+            timing,
+            dict(delays),
+            dynamics={} if variant.limits_torques else None,
+        )
         try:
             method = _meeting(solve, meeting)
             plan = quickest_clear(variant, method, timing, check_collisions=check_collisions)
+            delayed = _delays(plan, _slowed_motion(variant, plan))
         except MissedError as error:
             # The error has better estimates of the meeting times.
             failure = failure or error
@@ -153,7 +163,6 @@ def quickest_meeting(
         except InfeasibleError as error:
             failure = failure or error
             break
-        delayed = _delays(plan)
         touched = (
             None
             if delayed
@@ -238,12 +247,25 @@ def _duration(plan: ClearedPlan) -> float:
     return plan.cleared.duration
 
 
-def _delays(plan: ClearedPlan) -> dict[tuple[int, str], float]:
+def _slowed_motion(problem: MethodProblem, plan: ClearedPlan) -> Motion:
+    """Keep the torques of a plan's motion, which may then meet its parts late."""
+    motion = plan.cleared.motion
+    if problem.limits_torques:
+        motion, _ = reshaped_within_torques(problem, motion, plan.holding, late=True)
+        motion, _ = within_torques(problem.job, motion, late=True)
+    return motion
+
+
+def _delays(plan: ClearedPlan, motion: Motion) -> dict[tuple[int, str], float]:
     """Compute the delays of arms for their parts without those of earlier stages [s].
 
     Keys are the number of the stage and the arm.
+
+    Args:
+        plan: the plan.
+        motion: its motion, perhaps late.
     """
-    events = {(e.arm, e.task, e.action): e.time for e in plan.cleared.motion.events}
+    events = {(e.arm, e.task, e.action): e.time for e in motion.events}
     late: dict[tuple[int, str], float] = {}
     before = 0.0
     for k, stage in enumerate(plan.cleared.plans):

@@ -22,7 +22,7 @@ REFUSALS = KindRefusals(
     {
         "window": "conveyor '{conveyor}' ({speed:g} m/s) passes at {passes:g} "
         "s and is {within:g} m farther at {last:.3f} s",
-        "delayed": " ({measured:.3f} s of it to avoid collisions)",
+        "delayed": " ({measured:.3f} s of it to avoid collisions, or for torques)",
         "part_gone": "task '{task}': the {arm} arm cannot be at the {action} before {time:.3f} s{delay:*}, when it is "
         "{measured:mm} beyond what 'within' allows: {window}; give a later 'passes', a longer 'within', a slower "
         "conveyor, another arm or order (arm: any, order: optimise), or less work before it",
@@ -41,6 +41,7 @@ REFUSALS = KindRefusals(
         "close to a singularity",
         "conveyor_too_fast": "it cannot keep up with the conveyor at {speed:g} m/s there: its joints would exceed a "
         "limit by a factor of {measured:.3g} with any start",
+        "conveyor_overload": "{joint} cannot hold still there within its effort",
         "conveyor_leaves_reach": "a joint limit, the arm's reach or a singularity ends its motion before the stop is over",
     },
 )

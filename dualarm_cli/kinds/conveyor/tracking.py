@@ -6,6 +6,7 @@ The approach, the dwell and the retract are in motion between the ramps.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,8 +15,9 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import cbrt, cube
 from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.kinds.conveyor.tracking_torques import TrackingTorques
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.postures import StopPosture, StopProblem
 from dualarm_cli.postures.stop_lines import flange_poses
 from dualarm_cli.postures.tracked import Tracked, TrackingPhases
@@ -151,6 +153,8 @@ class Tracking:
     """Cap on the tool's speed [m/s], or None."""
     pace: float = 1.0
     """Slowdown against full speed [factor]."""
+    torques: TrackingTorques | None = None
+    """Torques that limit the motion, or None."""
 
     def solve(self, phases: TrackingPhases | None = None) -> Tracked:
         """Compute the motion with phases about as short as the joint limits allow.
@@ -160,12 +164,20 @@ class Tracking:
         them. Phases are stretched until every limit holds, and get more knots until the tool stays with the part.
         Our own.
 
+        Torques count in a second solution, where the first is beyond them.
+
         Args:
             phases: initial phases of a similar motion; None for short ones.
 
         Raises:
-            InfeasibleError: the belt is too fast for the arm or the cap, or leaves the reach of the posture.
+            InfeasibleError: the belt is too fast for the arm or the cap, or leaves the reach of the posture, or the
+                arm cannot bear its load there.
         """
+        if self.torques is not None:
+            free = replace(self, torques=None).solve(phases)
+            if (self._slowing(free.motion, free.phases) <= 1.0).all():
+                return free
+            phases = free.phases
         speed = float(norm(self.velocity))
         if self.cap is not None and speed >= self.cap * (1.0 - TRACKING.speed_margin):
             raise InfeasibleError(Refusal("conveyor_above_cap", measured=speed, allowed=self.cap))
@@ -306,9 +318,20 @@ class Tracking:
         )
         return along, depth, away
 
+    def _slowing(self, motion: Trajectory, phases: TrackingPhases) -> FloatArray:
+        """Compute the stretch of each phase that its torques require [factor], shape (5,)."""
+        slowing, edges = np.zeros(5), np.searchsorted(motion.time, phases.edges - SAME_TIME)
+        for k, (low, high) in enumerate(pairwise(edges.tolist())):
+            if high > low and self.torques is not None:
+                rows = slice(low, high + 1)
+                rates = motion.position[rows], motion.velocity[rows], motion.acceleration[rows]
+                part = Trajectory(motion.joints, motion.time[rows], *rates)
+                slowing[k] = self.torques.slowing(part, k)
+        return slowing
+
     def _excess(self, motion: Trajectory, phases: TrackingPhases, index: list[int]) -> FloatArray:
         """Compute the required stretch of each phase [factor], shape (5,)."""
-        excess = np.zeros(5)
+        excess = self._slowing(motion, phases)
         limits = self.limits
         for k, (low, high) in enumerate(pairwise(index)):
             if high == low:
@@ -318,6 +341,7 @@ class Tracking:
                 motion.time[rows], motion.velocity[rows], motion.acceleration[rows]
             )
             excess[k] = max(
+                float(excess[k]),
                 float((v / limits.velocity).max()),
                 float(np.sqrt((a / limits.acceleration).max())),
                 float(cbrt((j / limits.jerk).max())),

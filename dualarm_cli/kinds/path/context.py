@@ -313,17 +313,22 @@ class PathContext:
     """Limits at the job's speed."""
     dynamics: Dynamics | None
     """Torque model; None where no path limits torques."""
+    limits_torques: bool = False
+    """Whether all paths keep torques, also those of methods that ignore them."""
 
     @classmethod
-    def of(cls, model: CellModel, job: Job) -> PathContext:
+    def of(cls, model: CellModel, job: Job, *, limits_torques: bool = False) -> PathContext:
         """Prepare a job."""
-        torque = any(task.path is not None and task.path.torque for task in job.tasks)
+        torque = limits_torques or any(
+            task.path is not None and task.path.torque for task in job.tasks
+        )
         return cls(
             model,
             WholeBody(job.cell),
             job,
             job.limits,
             Dynamics(job.cell, {}) if torque else None,
+            limits_torques,
         )
 
     def clock(
@@ -363,6 +368,7 @@ class PathContext:
         share, pace = clock.at(instants(count + 1, step))
         arms = [arm for arm in self.body.arms if arm in work.paths]
         poses = [tool_targets(work.paths[arm], share, step, work.tolerance) for arm in arms]
+        keeps_torque = work.torque or self.limits_torques
         return PathProblem(
             body=self.body,
             limits=self.limits,
@@ -378,8 +384,9 @@ class PathContext:
             ),
             model=self.model if self.model.has_arm_angles else None,
             tool_speed=self.job.tool_speed,
-            torque=self.dynamics.limit if work.torque and self.dynamics else None,
-            dynamics=self.dynamics.at if work.torque and self.dynamics else None,
+            torque=self.dynamics.limit if keeps_torque and self.dynamics else None,
+            dynamics=self.dynamics.at if keeps_torque and self.dynamics else None,
+            torque_in_method=work.torque,
         )
 
     def critical_points(self, given: Mapping[str, FloatArray]) -> FloatArray:

@@ -13,6 +13,7 @@ from dualarm_cli.kinds.path.following import PathMotion, PathProblem
 from dualarm_cli.kinds.path.following.velocity import pose_error
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.torque_limits import SETTINGS
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
@@ -125,7 +126,7 @@ class Joined:
         ):
             mass, bias = problem.dynamics(q, v)
             torques[k] = product(mass, a) + bias
-        fraction = np.abs(torques) / problem.torque
+        fraction = np.abs(torques) / (problem.torque * (1.0 - SETTINGS.ahead))
         knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(fraction)), fraction.shape))
         if fraction[knot, joint] <= 1.0:
             return self
@@ -143,7 +144,7 @@ class Joined:
             worst=float(fraction[knot, joint]),
             reason=reason,
             when=float(motion.time[knot]),
-            slower_helps=bool(holding[joint] < problem.torque[joint]),
+            slower_helps=bool(holding[joint] < problem.torque[joint] * (1.0 - SETTINGS.ahead)),
         )
 
 

@@ -144,7 +144,9 @@ def add_path(
     """
     work = section[0].path
     assert work is not None
-    context = PathContext.of(tools.problem.model, tools.problem.job)
+    problem = tools.problem
+    limited = problem.limits_torques
+    context = PathContext.of(problem.model, problem.job, limits_torques=limited)
     name = tools.settings.follower or work.redundancy or default_follower(context)
     tools.problem.progress(f"following {section[0].id} ({name})")
     search = PathSearch(tools, context, work, PATH_SOLVERS[name], current)
@@ -156,7 +158,9 @@ def add_path(
     transfer, path = search.best
     begin = record.clock
     if transfer is not None:
-        add_transfer(record, transfer.cleared.motion, section)
+        motion, notes = tools.shaped(transfer)
+        add_transfer(record, motion, section)
+        record.notes += notes
         record.count(transfer)
     add_followed(record, context, section, path, name, begin)
     record.notes += path_notes(context, section[0].id, path, name)

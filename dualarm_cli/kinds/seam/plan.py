@@ -24,10 +24,12 @@ from dualarm_cli.kinds.seam.messages import seam_refusal, where_it_fails
 from dualarm_cli.kinds.seam.motion import is_too_fast, timed_seam
 from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.kinds.seam.record import PlannedSeam, quicker_seam
+from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.process_work import SeamWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.torque_limits import least_slowing
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -253,6 +255,8 @@ class SeamPlanner:
     """
     requested: str | None = None
     """Name of the requested seam solver; None for the file's choice."""
+    dynamics: Dynamics | None = None
+    """Torques that limit seams; None for no limit."""
 
     def plan(
         self, task: str, work: SeamWork, current: FloatArray, after: SeamWork | None = None
@@ -430,6 +434,15 @@ class SeamPlanner:
         seam = timed_seam(path, work, limits, self.job.speed, trapezoid=trapezoid, cap=cap)
         if isinstance(seam, Refusal):
             return seam
+        if self.dynamics is not None and work.slower:
+            # The same motion, slower as a whole: its torques fall, but for those at rest.
+            factor, _ = least_slowing(self.dynamics, seam.trajectory)
+            if 1.0 < factor < np.inf:
+                less = limits.scaled(1.0 / factor)
+                pace = self.job.speed / factor
+                seam = timed_seam(path, work, less, pace, trapezoid=trapezoid, cap=cap)
+                if isinstance(seam, Refusal):
+                    return seam
         lines: dict[str, Trajectory | None] = {"approach": None, "retract": None}
         for line, length, end in (("approach", work.approach, 0), ("retract", work.retract, -1)):
             if length == 0.0:

@@ -22,6 +22,7 @@ from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS
 from dualarm_cli.kinds.seam.messages import seam_bound, seam_faults, seam_notes
 from dualarm_cli.kinds.seam.plan import SeamPlanner
 from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam
+from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.model.process_work import SeamWork
 from dualarm_cli.model.trajectory import SAME_TIME
@@ -69,6 +70,7 @@ def add_seam_section(
         tools.check_collisions,
         current is None,
         tools.settings.seam_solver,
+        Dynamics(job.cell, {}) if tools.problem.limits_torques else None,
     )
     planned = planner.plan(
         section[0].id, work, home if current is None else current, after[0].seam if after else None
@@ -82,7 +84,8 @@ def add_seam_section(
             raise InfeasibleError(
                 Refusal("no_way_to_seam", work.place, name, work.slave, data=data)
             ) from None
-        motion = transfer.cleared.motion
+        motion, notes = tools.shaped(transfer)
+        record.notes += notes
         _check_entry(work, job.speed, motion.trajectory.duration + planned.lead_time, name)
         add_transfer(record, _timed_entry(work, job.speed, motion, planned), section)
         record.count(transfer)

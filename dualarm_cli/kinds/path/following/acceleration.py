@@ -303,7 +303,7 @@ class AccelerationStep:
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """Compute matrix and bounds of torques as rows over the free joints, or None."""
         problem = self._problem
-        if problem.torque is None or problem.dynamics is None:
+        if not problem.torque_in_method or problem.torque is None or problem.dynamics is None:
             return None
         mass, bias = problem.dynamics(q, qd)
         free, limit = self._free, problem.torque

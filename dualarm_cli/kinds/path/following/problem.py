@@ -89,6 +89,8 @@ class PathProblem:
     """Largest torque of every joint [N m], shape (n,); None for no torque limits."""
     dynamics: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]] | None = None
     """Mass matrix (n, n) and bias torques (n,) at positions and velocities (n,)."""
+    torque_in_method: bool = False
+    """Whether methods for torques use them; otherwise only curves are compared with them."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
