@@ -3,7 +3,8 @@
     python -m benchmarks.quality.torques openarm --mass 3
 
 The optimum keeps torques as well as velocities, accelerations and jerks. Ruckig's time without torques bounds every
-transfer within them from below.
+transfer within them from below. Toppra times the straight line within velocities, accelerations and torques; it knows
+no limit of jerks.
 """
 
 from __future__ import annotations
@@ -14,6 +15,9 @@ from time import process_time
 import numpy as np
 import pinocchio as pin
 import ruckig
+import toppra
+import toppra.algorithm
+import toppra.constraint
 
 from benchmarks.nonlinear.torque_optimum import optimal_duration
 from dualarm_cli.files.robots.robots import load_robot
@@ -39,6 +43,40 @@ def fastest(start: np.ndarray, end: np.ndarray, limits: object) -> tuple[float, 
     return motion.duration, np.array(rows).transpose(1, 0, 2)
 
 
+def straight(
+    dynamics: Dynamics, columns: list[int], start: np.ndarray, end: np.ndarray, limits: object
+) -> float:
+    """Toppra's duration of the straight line within velocities, accelerations and torques [s]; NaN without one.
+
+    Args:
+        dynamics: of the robot with its loads.
+        columns: of the arm's joints.
+        start: all joints (n,) at the start [rad].
+        end: those at the end.
+        limits: of the arm's joints.
+    """
+
+    def torques(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        whole = np.array([start, 0.0 * start, 0.0 * start])
+        whole[:, columns] = q, v, a
+        return sum(part[0, columns] for part in dynamics.torques(*whole[:, None]))
+
+    effort = dynamics.limit[columns]
+    rates = [np.column_stack([-most, most]) for most in (limits.velocity, limits.acceleration)]
+    constraints = [
+        toppra.constraint.JointVelocityConstraint(rates[0]),
+        toppra.constraint.JointAccelerationConstraint(rates[1]),
+        toppra.constraint.JointTorqueConstraint(
+            torques, np.column_stack([-effort, effort]), np.zeros(len(columns))
+        ),
+    ]
+    path = toppra.SplineInterpolator([0.0, 1.0], np.array([start[columns], end[columns]]))
+    found = toppra.algorithm.TOPPRA(
+        constraints, path, gridpoints=np.linspace(0.0, 1.0, 101), solver_wrapper="seidel"
+    ).compute_trajectory()
+    return np.nan if found is None else float(found.duration)
+
+
 def main() -> None:
     """Draws transfers until enough are beyond their torques, and prints the ratios of the durations."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -52,7 +90,7 @@ def main() -> None:
     dynamics, random, limits = Dynamics(cell, {}), np.random.default_rng(1), robot.limits
     columns = robot.columns(robot.arms[0].joints)
     own = limits.select(robot.arms[0].joints)
-    ratios, optimal, seconds, refused = [], [], [], 0
+    ratios, optimal, on_line, seconds, refused = [], [], [], [], 0
     while len(ratios) + refused < given.count:
         start, end = robot.postures["home"].copy(), robot.postures["home"].copy()
         start[columns] = random.uniform(own.lower, own.upper)
@@ -80,10 +118,13 @@ def main() -> None:
             ratios.append(shape.duration / duration)
             least = optimal_duration(cell, robot.arms[0], start[columns], end[columns], shape)
             optimal.append(np.nan if least is None else shape.duration / least)
+            line = straight(dynamics, columns, start, end, own)
+            on_line.append(np.nan if least is None else line / least)
     print(
         f"{robot.name}, {given.mass:g} kg: {len(ratios)} transfers beyond their torques, {refused} without another "
         f"shape; time / IPOPT's optimum: median {np.nanmedian(optimal):.3f}, worst {np.nanmax(optimal):.3f}, "
-        f"{np.isnan(optimal).sum()} without one; "
+        f"{np.isnan(optimal).sum()} without one; toppra's straight line, without jerk limits / IPOPT's optimum: "
+        f"median {np.nanmedian(on_line):.3f}, worst {np.nanmax(on_line):.3f}; "
         f"time / ruckig's without torques: mean {np.mean(ratios):.3f}, median {np.median(ratios):.3f}, worst "
         f"{max(ratios):.3f}; {np.mean(seconds):.2f} s of processor time each"
     )
