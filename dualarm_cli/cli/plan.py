@@ -125,6 +125,12 @@ def plan_command(
             help="Plan again when a file of the job changes; a local server shows the newest page.",
         ),
     ] = False,
+    why: Annotated[
+        bool,
+        typer.Option(
+            "--why", help="Estimate levers as well, as `dualarm why --budget 0`; the page has them."
+        ),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
     details: StagesOption = 0,
@@ -151,6 +157,8 @@ def plan_command(
         refuse_plot(plot, force)
     shows = "--watch" if watch else "--open" if open_page else ""
     without = {"--out -": out == STDOUT, "--json": json_output and watch, "--no-page": not page}
+    if why and out == STDOUT:
+        raise UsageError("--why writes beside the plan: it does not go with --out -")
     for option in (option for option, given in without.items() if given and shows):
         raise UsageError(f"{shows} shows the page of the plan: it does not go with {option}")
     if watch:
@@ -191,6 +199,10 @@ def plan_command(
         except PageNotBuiltError as error:
             # The plan is complete without it.
             print_message(f"no {PAGE}: {error}")
+        if why:
+            from dualarm_cli.cli.why import estimates_of
+
+            estimates_of(folder, tasks)
     for file, draw in figures.items():
         write_file(file, draw(schedule, job, file.suffix.lower().lstrip(".")), force=True)
     report: dict[str, Any] = {**plan.report}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +19,7 @@ from dualarm_cli.cli.parts.output import (
     stdout_console,
 )
 from dualarm_cli.cli.parts.score_options import CacheOption, JobsOption, NoCacheOption
-from dualarm_cli.cli.report import tasks_of
+from dualarm_cli.cli.report import PAGE, tasks_of
 from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
@@ -53,9 +54,7 @@ def why_command(
     """
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.interface import load
-    from dualarm_cli.levers.document import why_document
     from dualarm_cli.levers.estimates import estimated_levers
-    from dualarm_cli.report.printable import printable
 
     seconds = 0.0 if budget in ("0", "0 s") else read_duration("--budget", budget)
     schedule = read_schedule(plan)
@@ -70,15 +69,51 @@ def why_command(
         with evaluators(jobs, None, None) as run:
             replanned = _replanned(schedule, job, file, estimates, (run, store, seconds), quiet)
         say_unkept(store)
-    document: dict[str, Any] = printable(
-        why_document(schedule, job, file.as_posix(), estimates, replanned)
-    )
+    document = why_of(schedule, job, file, estimates, replanned)
     if json_output:
         print_json(document)
     elif quiet:
         print_lines(stdout_console(), *document["sentences"][-1:])
     else:
         _print(document, details)
+    write_why(plan if plan.is_dir() else plan.parent, document)
+
+
+def why_of(
+    schedule: Schedule, job: Job, file: Path, estimates: list[Estimate], replanned: list[Replanned]
+) -> dict[str, Any]:
+    """Compose the document of a plan, with stops of sliders."""
+    from dualarm_cli.levers.document import why_document
+    from dualarm_cli.levers.stops import estimated_stops
+    from dualarm_cli.report.printable import printable
+
+    stops = estimated_stops(schedule, job, file, estimates)
+    document: dict[str, Any] = printable(
+        why_document(schedule, job, file.as_posix(), estimates, replanned, stops)
+    )
+    return document
+
+
+def write_why(folder: Path, document: dict[str, Any]) -> None:
+    """Write the document beside a plan, and put it into the page of the plan."""
+    from dualarm_cli.exporting.whole_files import replace_all
+    from dualarm_cli.page.what_helps import WHY, page_with_levers
+
+    page = page_with_levers(folder / PAGE, document)
+    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    replace_all(folder, {WHY: [text.encode()]} | ({PAGE: [page]} if page is not None else {}))
+
+
+def estimates_of(folder: Path, tasks: Path) -> None:
+    """Write the document of a plan that was just made, with estimates alone."""
+    from dualarm_cli.exporting.schedule_reader import read_schedule
+    from dualarm_cli.files.source.bundled import task_file
+    from dualarm_cli.interface import load
+    from dualarm_cli.levers.estimates import estimated_levers
+
+    schedule, file, job = read_schedule(folder), task_file(tasks)[0], load(tasks)
+    estimates = estimated_levers(schedule, job, file)
+    write_why(folder, why_of(schedule, job, file, estimates, []))
 
 
 def _replanned(

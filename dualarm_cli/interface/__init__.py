@@ -156,7 +156,11 @@ class Plan(ShownInNotebooks):
             OutputError: the page cannot be written.
             PageNotBuiltError: this installation has no code of the page.
         """
-        replace_all(Path(folder), {PAGE: [self._page(self._shown())]})
+        from dualarm_cli.page.what_helps import kept_levers
+
+        shown = self._shown()
+        shown["levers"] = kept_levers(Path(folder), shown["pieces"])
+        replace_all(Path(folder), {PAGE: [self._page(shown)]})
         return Path(folder) / PAGE
 
     def _shown(self) -> dict[str, Any]:

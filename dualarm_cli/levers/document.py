@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from dualarm_cli import __version__
 from dualarm_cli.levers.changes import Lever
 from dualarm_cli.levers.estimates import Estimate
 from dualarm_cli.levers.replanning import Replanned
+from dualarm_cli.levers.stops import Stop
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.report import comparisons as members
@@ -20,6 +21,7 @@ def why_document(
     case: str,
     estimates: Sequence[Estimate],
     replanned: Sequence[Replanned],
+    stops: Mapping[str, Sequence[Stop]],
 ) -> members.WhyReport:
     """Compose the document.
 
@@ -29,6 +31,7 @@ def why_document(
         case: name of its task file.
         estimates: of all levers, largest first.
         replanned: levers and combinations that were re-planned.
+        stops: parts of levers, by their names and changes.
     """
     path = critical_path(schedule)
     alone = {result.names[0]: result for result in replanned if len(result.levers) == 1}
@@ -52,7 +55,10 @@ def why_document(
         ],
         "critical_path": _links(path),
         "pieces": [_piece(path, k) for k in range(len(path.pieces))],
-        "levers": [_lever(estimate, alone.get(str(estimate.lever))) for estimate in ranked],
+        "levers": [
+            _lever(estimate, alone.get(str(estimate.lever)), stops.get(str(estimate.lever), ()))
+            for estimate in ranked
+        ],
         "combinations": [
             {
                 "levers": [place[name] for name in result.names],
@@ -96,7 +102,7 @@ def _piece(path: CriticalPath, k: int) -> members.WhyPiece:
     }
 
 
-def _lever(estimate: Estimate, result: Replanned | None) -> members.WhyLever:
+def _lever(estimate: Estimate, result: Replanned | None, stops: Sequence[Stop]) -> members.WhyLever:
     lever: Lever = estimate.lever
     has_plan = result is not None and result.gain is not None
     return {
@@ -109,6 +115,10 @@ def _lever(estimate: Estimate, result: Replanned | None) -> members.WhyLever:
         "status": "" if result is None else result.evaluation.status,
         "cycle_time": result.evaluation.cycle_time if result is not None and has_plan else None,
         "gain": None if result is None else result.gain,
+        "stops": [
+            {"share": stop.share, "change": stop.lever.change, "estimate": stop.gain}
+            for stop in stops
+        ],
     }
 
 

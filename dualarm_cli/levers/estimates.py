@@ -48,7 +48,7 @@ def estimated_levers(schedule: Schedule, job: Job, tasks: Path) -> list[Estimate
     lengths, reasons = [], {}
     for k, lever in enumerate(candidates):
         try:
-            length = _lengths(kept, lever, tasks)
+            length = lengths_under(kept, lever, tasks)
         except DualArmError as error:
             reasons[k] = str(error)
             continue
@@ -73,8 +73,8 @@ def _matters(lever: Lever, schedule: Schedule, job: Job) -> bool:
     return lever.name != CLEARANCE or schedule.clearance_cost != 0.0
 
 
-def _lengths(kept: KeptPlan, lever: Lever, tasks: Path) -> np.ndarray | str:
-    """Estimate the times of the plan's pieces, or explain why they are not estimated."""
+def lengths_under(kept: KeptPlan, lever: Lever, tasks: Path) -> np.ndarray | str:
+    """Estimate the times of the plan's pieces under a lever, or say why they are not estimated."""
     changed = load_job(tasks, tasks.name, lever.values)
     if not lever.is_modelled:
         return "only another plan shows it"

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import html
+import json
+import secrets
 import socket
 import threading
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 from dualarm_cli.page.page import POLICY
 
@@ -16,6 +20,10 @@ HOST = "127.0.0.1"
 """Address that the server listens on, reachable from this machine only."""
 MAX_CONNECTIONS, IDLE_TIMEOUT = 50, 10.0
 """Maximum number of open connections, and their time limit without data [s]."""
+MAX_BODY = 20_000
+"""Maximum size of a request to plan [B]."""
+Replan = Callable[[Any], dict[str, Any]]
+"""Function that plans a job with levers, from a JSON document to the answer."""
 _RELOAD = """<script>
 (() => {
   const shown = "VERSION", key = "dualarm.time";
@@ -95,16 +103,18 @@ class _Server(ThreadingHTTPServer):
 class LivePage:
     """Current page and the server that shows it."""
 
-    def __init__(self, port: int = 0) -> None:
+    def __init__(self, port: int = 0, replan: Replan | None = None) -> None:
         """Start the server.
 
         Args:
             port: 0 for any that is free.
+            replan: plans with levers for readers who have the token; None refuses that.
 
         Raises:
             OSError: the port is taken.
         """
         self._content, self._version = b"", 0
+        self._replan, self._token = replan, secrets.token_urlsafe(16)
         self._server = _Server((HOST, port), self._handler())
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
@@ -112,6 +122,11 @@ class LivePage:
     def address(self) -> str:
         """URL of the page."""
         return f"http://{HOST}:{self._server.server_address[1]}/"
+
+    @property
+    def link(self) -> str:
+        """URL of the page with the token that permits planning."""
+        return f"{self.address}?token={self._token}"
 
     def show(self, page: bytes) -> None:
         """Show a page (`page_html`); browsers with an older one reload."""
@@ -142,15 +157,40 @@ class LivePage:
             timeout = IDLE_TIMEOUT
 
             def do_GET(self) -> None:
-                # A foreign host name that resolves to this machine (DNS rebinding) gets no answer.
-                host = self.headers.get("Host", "").partition(":")[0]
                 contents = {"/": live._content, "/version": str(live._version).encode()}
-                content = contents.get(self.path)
-                if host not in (HOST, "localhost") or content is None:
+                path = urlsplit(self.path).path
+                content = contents.get(path)
+                if not self._is_named() or content is None:
                     self.send_error(404)
                     return
+                self._answer(content, "text/html" if path == "/" else "text/plain")
+
+            def do_POST(self) -> None:
+                url = urlsplit(self.path)
+                if not self._is_named() or url.path != "/replan" or live._replan is None:
+                    self.send_error(404)
+                    return
+                token = parse_qs(url.query).get("token", [""])[0]
+                if not secrets.compare_digest(token.encode(), live._token.encode()):
+                    self.send_error(403)
+                    return
+                length = self.headers.get("Content-Length", "")
+                if not length.isdecimal() or int(length) > MAX_BODY:
+                    self.send_error(413)
+                    return
+                try:
+                    asked = json.loads(self.rfile.read(int(length)))
+                except ValueError:
+                    self.send_error(400)
+                    return
+                self._answer(json.dumps(live._replan(asked)).encode(), "application/json")
+
+            def _is_named(self) -> bool:
+                """Check the host: a foreign name of this machine (DNS rebinding) gets no answer."""
+                return self.headers.get("Host", "").partition(":")[0] in (HOST, "localhost")
+
+            def _answer(self, content: bytes, kind: str) -> None:
                 self.send_response(200)
-                kind = "text/html" if self.path == "/" else "text/plain"
                 self.send_header("Content-Type", f"{kind}; charset=utf-8")
                 self.send_header("Content-Length", str(len(content)))
                 self.send_header("Cache-Control", "no-store")

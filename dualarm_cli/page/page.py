@@ -18,6 +18,8 @@ POLICY = (
     "base-uri 'none'; form-action 'none'"
 )
 """Content security policy: the page loads nothing from elsewhere."""
+DATA = '<script type="application/json" id="data">'
+"""Tag before the data of a page."""
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -33,7 +35,7 @@ _PAGE = """<!doctype html>
 If this text stays, write the page again: dualarm report PLAN</p>
 </div>
 <noscript>This page shows a plan in motion and needs JavaScript.</noscript>
-<script type="application/json" id="data">{data}</script>
+{tag}{data}</script>
 <script>{js}</script>
 </body>
 </html>
@@ -83,7 +85,7 @@ def page_ends(title: str) -> tuple[str, str]:
     css, js = ((built_folder() / name).read_text(encoding="utf-8") for name in BUILT)
     before, _, after = _PAGE.partition("{data}")
     head = before.format(
-        title=html.escape(title), policy=POLICY, css=css.replace("</style", "<\\/style")
+        title=html.escape(title), policy=POLICY, tag=DATA, css=css.replace("</style", "<\\/style")
     )
     return head, after.format(js=js.replace("</script", "<\\/script"))
 

@@ -412,6 +412,14 @@ class WhyShare(TypedDict):
     time: Annotated[float, "s", "Time on the critical path."]
 
 
+class WhyStop(TypedDict):
+    """Part of a lever with an estimate of its own."""
+
+    share: Annotated[float, "", "Share of the change; negative for the other direction."]
+    change: Annotated[str, "", "Old and new value, or the difference."]
+    estimate: Annotated[float, "s", "Estimated gain."]
+
+
 class WhyLever(TypedDict):
     """Change of a file, with what it gains."""
 
@@ -424,6 +432,7 @@ class WhyLever(TypedDict):
     status: Annotated[str, "", "Result of its plan; empty if it was not re-planned."]
     cycle_time: Annotated[float | None, "s", "Cycle time, re-planned and verified."]
     gain: Annotated[float | None, "s", "Gain, re-planned and verified."]
+    stops: Annotated[list[WhyStop], "", "Parts of the change; for the largest estimates of task and cell file."]
 
 
 class WhyCombination(TypedDict):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -168,10 +169,14 @@ def test_nothing_is_begun_after_the_budget() -> None:
 
 
 def test_the_command_prints_its_document(
-    planned_files: Callable[[str], Path], capsys: pytest.CaptureFixture[str], tasks_folder: Path
+    planned_files: Callable[[str], Path],
+    capsys: pytest.CaptureFixture[str],
+    tasks_folder: Path,
+    tmp_path: Path,
 ) -> None:
     """Estimates only: the parts of the path add up to the cycle; the document is as its schema says."""
-    plan = planned_files("01_first_pick")
+    plan = tmp_path / "plan"
+    shutil.copytree(planned_files("01_first_pick"), plan)
     tasks = tasks_folder / "01_first_pick" / "tasks.yaml"
     arguments = ["why", str(plan), "--tasks", str(tasks), "--budget", "0"]
     assert run([*arguments, "--json"]) == 0

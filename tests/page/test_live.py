@@ -78,6 +78,43 @@ def test_idle_connections_are_closed_and_keep_nobody_waiting(
     assert capfd.readouterr() == ("", "")
 
 
+def test_planning_is_for_readers_with_the_token() -> None:
+    """Without token, with another host name, or with too much or no JSON nothing is planned."""
+    asked: list[object] = []
+
+    def replan(document: object) -> dict[str, object]:
+        asked.append(document)
+        return {"cycle_time": 2.5}
+
+    live = LivePage(replan=replan)
+    port, query = int(live.address.rstrip("/").rpartition(":")[2]), live.link.partition("/?")[2]
+
+    def posted(path: str, body: bytes, **headers: str) -> tuple[int, bytes]:
+        connection = http.client.HTTPConnection(HOST, port, timeout=10)
+        connection.request("POST", path, body, headers)
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+
+    try:
+        body = b'{"levers": []}'
+        for path, headers, sent, status in (
+            ("/replan", {}, body, 403),
+            ("/replan?token=guess", {}, body, 403),
+            (f"/replan?{query}", {"Host": "elsewhere.example"}, body, 404),
+            (f"/other?{query}", {}, body, 404),
+            (f"/replan?{query}", {}, b"no JSON", 400),
+            (f"/replan?{query}", {}, b" " * 30_000, 413),
+        ):
+            assert posted(path, sent, **headers)[0] == status
+        assert asked == []
+        assert posted(f"/replan?{query}", body) == (200, b'{"cycle_time": 2.5}')
+        assert asked == [{"levers": []}]
+        live.show(b"<body>shown</body>")
+        assert "shown" in fetched(live.link)
+    finally:
+        live.close()
+
+
 def test_only_this_machine_by_its_own_name_is_answered(live: LivePage) -> None:
     """Another name that leads here, and any other path, get nothing."""
     live.show(b"<body></body>")

@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -194,10 +194,11 @@ def keep_planning(tasks: Path, page: Path, plan: Callable[[], None], open_page: 
 
     require_built()
     file, _ = task_file(tasks)
-    live, files = LivePage(), frozenset[Path]()
-    print_message(f"watching {file}: its plan is shown at {live.address}; Ctrl-C ends")
+    live = LivePage(replan=Replanning(file, page.parent))
+    files = frozenset[Path]()
+    print_message(f"watching {file}: its plan is shown at {live.link} ; Ctrl-C ends")
     if open_page:
-        webbrowser.open(live.address)
+        webbrowser.open(live.link)
     try:
         while True:
             files = _inputs(file, files)
@@ -212,6 +213,59 @@ def keep_planning(tasks: Path, page: Path, plan: Callable[[], None], open_page: 
         print_message("watching has ended")
     finally:
         live.close()
+
+
+class Replanning:
+    """Planner of a job with the levers that a reader of its page has chosen, one at a time."""
+
+    def __init__(self, tasks: Path, folder: Path) -> None:
+        """Store the task file, and the folder of its plan."""
+        self.tasks, self.folder = tasks, folder
+        self._busy = threading.Lock()
+
+    def __call__(self, asked: Any) -> dict[str, Any]:
+        """Plan, verify, and return status, cycle time and gain, or an error in words.
+
+        Files and plan stay as they are: the values are replaced while the files are read, in a process of its own.
+
+        Args:
+            asked: `{"levers": [["gripper 0.12 s to 0.06 s", 0.5], ...]}`: names with changes, and shares of them.
+        """
+        if not self._busy.acquire(blocking=False):
+            return {"error": "a plan is being made: try again when it is shown"}
+        try:
+            return self._planned([(str(name), float(share)) for name, share in asked["levers"]])
+        except (DualArmError, LookupError, TypeError, ValueError) as error:
+            return {"error": str(error) or "not a request for levers"}
+        finally:
+            self._busy.release()
+
+    def _planned(self, chosen: list[tuple[str, float]]) -> dict[str, Any]:
+        from dualarm_cli.cli.parts.evaluating import evaluators
+        from dualarm_cli.evaluation.request import case_name
+        from dualarm_cli.exporting.schedule_reader import read_schedule
+        from dualarm_cli.files.source.projects import Project
+        from dualarm_cli.files.studies.studies import job_documents
+        from dualarm_cli.levers.changes import levers
+        from dualarm_cli.levers.replanning import Replanner, request_of
+        from dualarm_cli.levers.stops import part
+
+        schedule = read_schedule(self.folder)
+        documents = job_documents(Project.of(self.tasks), self.tasks, self.tasks.name)
+        known = {str(lever): lever for lever in levers(documents)}
+        parts = tuple(
+            part(known[name], documents, min(max(share, -1.0), 1.0)) for name, share in chosen
+        )
+        request = request_of(schedule, self.tasks, case_name(self.tasks))
+        with evaluators(1, None, None) as run:
+            (planned,) = Replanner(schedule, request, run, None).plan([parts])
+        found = planned.evaluation
+        return {
+            "status": found.status,
+            "cycle_time": found.cycle_time,
+            "gain": planned.gain,
+            "findings": [str(finding) for finding in found.findings],
+        }
 
 
 def stamps(files: Collection[Path]) -> dict[Path, tuple[int, int]]:

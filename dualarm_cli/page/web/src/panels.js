@@ -15,10 +15,10 @@ const MIN_SHOWN = 5e-4;
  * @param {string} title
  * @param {...(Node | string | null)} children
  */
-const block = (title, ...children) => element("section", { class: "block" }, element("h3", {}, title), ...children);
+export const block = (title, ...children) => element("section", { class: "block" }, element("h3", {}, title), ...children);
 
 /** Create a paragraph. @param {string} text */
-const paragraph = (text) => element("p", {}, ...withCode(text));
+export const paragraph = (text) => element("p", {}, ...withCode(text));
 
 /** Create a key figure. @param {string} value @param {string} label @param {string} [title] */
 const figure = (value, label, title = "") =>

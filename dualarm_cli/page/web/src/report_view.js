@@ -1,6 +1,7 @@
 // Tabs with the panels of the report; on paper the overview and the open panel are shown.
 
 import { element } from "./dom.js";
+import { levers } from "./levers.js";
 import { checks, limits, notes, overview, stages, waits } from "./panels.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
@@ -10,6 +11,7 @@ const TABS = [
   { name: "Stages", panel: stages },
   { name: "Waits", panel: waits },
   { name: "Joints", panel: limits },
+  { name: "Levers", panel: levers },
   { name: "Checks", panel: checks },
   { name: "Notes", panel: notes },
 ];

@@ -83,6 +83,18 @@
  */
 
 /**
+ * @typedef {object} Lever Change of a file; null for what is not known.
+ * @property {string} name
+ * @property {string} change old and new value, or the difference
+ * @property {number | null} estimate gain [s]
+ * @property {number | null} gain of a new plan, verified [s]
+ * @property {string} status of the new plan; empty without one
+ * @property {{share: number, change: string, estimate: number}[]} [stops] parts of the change, of sliders
+ * @property {number[]} [excludes] indices of sliders that change the same values
+ */
+/** @typedef {{levers: Lever[], combinations: {levers: number[], gain: number | null}[], sentences: string[]}} Levers */
+
+/**
  * @typedef {object} Clearance Samples of the smallest distance of a group of pairs.
  * @property {string} name "clearance", or "near links" for links with few joints in between
  * @property {Float64Array} time
@@ -122,6 +134,7 @@
  * @property {Event[]} events
  * @property {Stage[]} stages
  * @property {Piece[]} pieces
+ * @property {Levers | null} [levers] what `dualarm why` found
  * @property {Clearance[]} clearances of none, one or both groups
  * @property {Torques | null} torques null where the robot has no efforts or masses
  * @property {any} report report.json as it is

@@ -1,0 +1,136 @@
+"""Stops of sliders: parts of a lever, each with an estimate of its own.
+
+Between two estimates nothing is known, so that a slider has stops instead of a range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.errors import DualArmError
+from dualarm_cli.files.source.amounts import in_unit, read_amount
+from dualarm_cli.files.source.projects import Project
+from dualarm_cli.files.source.value_paths import PathError, from_pointer, value_at
+from dualarm_cli.files.source.yaml_source import Document
+from dualarm_cli.files.studies.studies import job_documents
+from dualarm_cli.levers.changes import Lever
+from dualarm_cli.levers.estimates import Estimate, lengths_under
+from dualarm_cli.levers.kept_plan import KeptPlan
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.study import Span
+from dualarm_cli.records import dataclass
+from dualarm_cli.report.critical_path import retimed
+
+
+@dataclass(frozen=True)
+class StopSettings:
+    """Stops of sliders."""
+
+    shares: tuple[float, ...] = (0.25, 0.5, 0.75)
+    """Shares of a change, beside nothing and all of it."""
+    both_ways: tuple[float, ...] = (-1.0, -0.5, 0.5)
+    """Shares of a displacement; negative ones go the other way."""
+    sliders: int = 8
+    """Number of levers that have stops, largest estimates first."""
+
+
+STOPS = StopSettings()
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Part of a lever with its estimate."""
+
+    share: float
+    """Share of the lever's change."""
+    lever: Lever
+    """The partial lever."""
+    gain: float
+    """Estimated gain [s]."""
+
+
+def estimated_stops(
+    schedule: Schedule, job: Job, tasks: Path, estimates: Sequence[Estimate]
+) -> dict[str, list[Stop]]:
+    """Estimate parts of the levers with the largest estimates, without those of the robot.
+
+    Args:
+        schedule: the plan.
+        job: its job.
+        tasks: its task file.
+        estimates: of all levers, largest first.
+
+    Returns:
+        Stops in order of their shares, by name and change of the lever.
+    """
+    kept, documents = KeptPlan(schedule, job), job_documents(Project.of(tasks), tasks, tasks.name)
+    gaining = [e for e in estimates if (e.gain or 0.0) > 0.0 and e.lever.kind != "robot"]
+    stops: dict[str, list[Stop]] = {}
+    for estimate in gaining[: STOPS.sliders]:
+        lever = estimate.lever
+        shares = STOPS.both_ways if lever.kind == "layout" else STOPS.shares
+        rows = []
+        for share in shares:
+            try:
+                fewer = part(lever, documents, share)
+                lengths = lengths_under(kept, fewer, tasks)
+            except DualArmError:
+                continue
+            if not isinstance(lengths, str):
+                rows.append((share, fewer, lengths))
+        if not rows:
+            continue
+        times = retimed(schedule, kept.pieces, np.array([lengths for *_, lengths in rows]))
+        found = [
+            Stop(share, fewer, schedule.duration - float(time))
+            for (share, fewer, _), time in zip(rows, times, strict=True)
+        ]
+        stops[str(lever)] = [*found, Stop(1.0, lever, estimate.gain or 0.0)]
+    return stops
+
+
+def part(lever: Lever, documents: Mapping[str, Document], share: float) -> Lever:
+    """Build a part of a lever: its values at a share of the way from the files' ones.
+
+    Args:
+        lever: a change of numbers.
+        documents: files of the job by role.
+        share: of the change, from -1 to 1.
+    """
+    if share == 1.0:
+        return lever
+    values: dict[str, Any] = {}
+    words = []
+    for key, new in lever.values.items():
+        role, _, pointer = key.partition(":")
+        data = documents[role].data
+        try:
+            old = value_at(data, from_pointer(data, pointer))
+        except (PathError, KeyError):
+            old = [0] * len(new) if isinstance(new, list) else 0
+        if isinstance(new, list):
+            values[key] = [_between(a, b, share)[0] for a, b in zip(old, new, strict=True)]
+        else:
+            values[key], word = _between(old, new, share)
+            words.append(word)
+    if lever.kind == "layout":
+        step = read_amount(lever.change.lstrip("+"))
+        change = f"{step.number * share:+g} {step.unit}"
+    else:
+        distinct = list(dict.fromkeys(words))
+        change = distinct[0] + (f" (+{len(distinct) - 1})" if len(distinct) > 1 else "")
+    return replace(lever, change=change, values=values)
+
+
+def _between(old: Any, new: Any, share: float) -> tuple[float | str, str]:
+    """Interpolate two numbers of a file; return it as written, and old and new in words."""
+    end = read_amount(new)
+    start = in_unit(read_amount(old), end)
+    value = Span(start, end).at(share)
+    return value.written, f"{start.shown} to {value.shown}"
