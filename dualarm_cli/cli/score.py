@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -129,6 +130,8 @@ def score_command(
     ]
     settings = requests[0].settings
     former = _former(baseline, settings, update_baseline, subset, force)
+    if former is not None and not update_baseline:
+        requests = _with_limits(requests, former, allowed)
     store = open_store(cache, no_cache)
     with evaluators(jobs, scheduler, limit) as run:
         evaluations = _evaluate(requests, run, store, quiet)
@@ -139,16 +142,34 @@ def score_command(
         subset=subset or update_baseline,
         elsewhere="" if former is None else other_machine(former.made_on),
     )
+    if any(verdict.state == "regressed" for verdict in verdicts):
+        from dualarm_cli.cli.parts.score_levers import with_levers
+
+        verdicts = with_levers(verdicts, requests)
     # A baseline that is replaced or missing is not compared with.
     compared = baseline if former is not None and not update_baseline else None
     write_reports(verdicts, allowed, compared is not None, junit, markdown, github)
     if pages is not None:
         _write_pages(pages, verdicts, allowed, compared is not None, quiet)
     if update_baseline and baseline is not None:
-        _update(baseline, verdicts, former if subset else None, settings, quiet)
+        paths = {request.case: request.path for request in requests}
+        _update(baseline, verdicts, former if subset else None, settings, paths, quiet)
     # Printed last: where something cannot be written, that is the one document on stdout.
     _tell(verdicts, settings, allowed, compared, github, json_output, quiet)
     _end(verdicts)
+
+
+def _with_limits(requests: list[Request], former: Baseline, allowed: float) -> list[Request]:
+    """Ask for the schedules of regressions, from which their levers are estimated."""
+    from dualarm_cli.scoring.gate import FLOOR
+
+    times = {case: recorded.cycle_time for case, recorded in former.cases.items()}
+    return [
+        replace(request, above=time + max(FLOOR, allowed * time))
+        if (time := times.get(request.case)) is not None
+        else request
+        for request in requests
+    ]
 
 
 def _former(
@@ -284,11 +305,12 @@ def _update(
     verdicts: list[Verdict],
     former: Baseline | None,
     settings: dict[str, object],
+    paths: dict[str, str],
     quiet: bool,
 ) -> None:
     from dualarm_cli.cli.parts.score_files import write_baseline
 
-    if write_baseline(path, verdicts, former, settings):
+    if write_baseline(path, verdicts, former, settings, paths):
         if not quiet:
             print_message(f"written: {path}")
     else:

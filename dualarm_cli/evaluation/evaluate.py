@@ -11,6 +11,8 @@ from dualarm_cli.errors import DualArmError, InfeasibleError, InputError, lacks_
 from dualarm_cli.evaluation.draws import drawn_job
 from dualarm_cli.evaluation.fingerprint import names_of
 from dualarm_cli.evaluation.request import Request
+from dualarm_cli.exporting.files import URDF
+from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.files.source.text_source import recorded_reads
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import Plan, planned
@@ -84,6 +86,9 @@ def _evaluated(request: Request) -> Evaluation:
         job = drawn_job(job, request.draw_seed, request.draw)
     plan = planned(job, settings_of(request))
     evaluation = evaluation_of(request.case, plan, request.page)
+    if request.above is not None and (evaluation.cycle_time or 0.0) > request.above:
+        text = b"".join(to_json(plan.schedule, URDF, {})).decode()
+        evaluation = replace(evaluation, schedule=text)
     if request.draw is None or evaluation.cycle_time is None:
         return evaluation
     varied = varied_cycle(plan.schedule, job)

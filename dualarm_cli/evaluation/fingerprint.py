@@ -144,9 +144,9 @@ def _sources() -> str:
 
 
 def question(request: Request) -> dict[str, Any]:
-    """Return the request without its path and the flag of the page."""
+    """Return the request without its path, and without what it asks for beside the answer."""
     document = request.as_document()
-    del document["path"], document["page"]
+    del document["path"], document["page"], document["above"]
     return document
 
 

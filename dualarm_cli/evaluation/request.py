@@ -43,6 +43,8 @@ class Request:
     """Number of a draw of what varies, from 1; 0 for the nominal job of draws."""
     draw_seed: int = 0
     """Seed of all draws."""
+    above: float | None = None
+    """Cycle time above which the answer has the schedule [s]; None for never."""
     page: bool = False
     """Flag to include the data of the plan's page."""
 

@@ -43,8 +43,22 @@ def estimated_levers(schedule: Schedule, job: Job, tasks: Path) -> list[Estimate
         tasks: its task file.
     """
     documents = job_documents(Project.of(tasks), tasks, tasks.name)
-    kept = KeptPlan(schedule, job)
     candidates = [lever for lever in levers(documents) if _matters(lever, schedule, job)]
+    return _ranked(estimated(schedule, job, tasks, candidates))
+
+
+def estimated(
+    schedule: Schedule, job: Job, tasks: Path, candidates: Sequence[Lever]
+) -> list[Estimate]:
+    """Estimate the gain of given levers, in their order.
+
+    Args:
+        schedule: the plan.
+        job: its job.
+        tasks: its task file.
+        candidates: the levers.
+    """
+    kept = KeptPlan(schedule, job)
     lengths, reasons = [], {}
     for k, lever in enumerate(candidates):
         try:
@@ -60,10 +74,7 @@ def estimated_levers(schedule: Schedule, job: Job, tasks: Path) -> list[Estimate
     gains = {
         k: schedule.duration - float(time) for (k, _), time in zip(lengths, times, strict=True)
     }
-    estimates = [
-        Estimate(lever, gains.get(k), reasons.get(k, "")) for k, lever in enumerate(candidates)
-    ]
-    return _ranked(estimates)
+    return [Estimate(lever, gains.get(k), reasons.get(k, "")) for k, lever in enumerate(candidates)]
 
 
 def _matters(lever: Lever, schedule: Schedule, job: Job) -> bool:

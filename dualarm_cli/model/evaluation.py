@@ -94,6 +94,8 @@ class Evaluation:
     """Length [s] of each stage by its work; of draws alone."""
     stated: Mapping[str, float] = field(default_factory=dict)
     """Cycle time [s] that the report states for dwells that vary; of draws alone."""
+    schedule: str = ""
+    """Text of `schedule.json`; empty unless requested for a cycle as long."""
     page: str = ""
     """Packed data of the plan's page; empty if not requested or without a plan."""
 
@@ -127,8 +129,10 @@ class Evaluation:
         names = {entry.name for entry in fields(cls)}
         if not isinstance(document, dict) or set(document) != names:
             raise ValueError("not an evaluation: its keys differ")
-        if not all(isinstance(document[name], str) for name in ("page", "torque_joint")):
-            raise ValueError("page and torque_joint must be texts")
+        if not all(
+            isinstance(document[name], str) for name in ("page", "schedule", "torque_joint")
+        ):
+            raise ValueError("page, schedule and torque_joint must be texts")
         if document["status"] not in STATUSES or not isinstance(document["case"], str):
             raise ValueError("not an evaluation: its case or status is invalid")
         for name in _FIGURES:

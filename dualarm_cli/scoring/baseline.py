@@ -41,11 +41,14 @@ class Recorded:
     """Joint limits by joint, see `Evaluation`."""
     inputs: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of every file read, by its name relative to the task file's folder."""
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    """Values of task and cell file that levers change, by role and JSON pointer."""
 
     @classmethod
-    def of(cls, evaluation: Evaluation) -> Recorded:
+    def of(cls, evaluation: Evaluation, numbers: Mapping[str, Any] | None = None) -> Recorded:
         """Record the result of a planned case."""
-        return cls(**{entry.name: getattr(evaluation, entry.name) for entry in fields(cls)})
+        names = [entry.name for entry in fields(cls) if entry.name != "numbers"]
+        return cls(**{name: getattr(evaluation, name) for name in names}, numbers=numbers or {})
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,8 @@ def read_baseline(path: Path) -> Baseline:
 def _recorded(file: str, case: str, entry: Any) -> Recorded:
     """Read the record of one case; a damaged one raises InputError."""
     names = {entry_field.name for entry_field in fields(Recorded)}
-    if not isinstance(entry, dict) or set(entry) != names:
+    # Baselines of earlier versions have no numbers.
+    if not isinstance(entry, dict) or {*entry, "numbers"} != names:
         _refuse(file, f"is damaged: case {quote(case)} must have {', '.join(sorted(names))}")
     for name in ("cycle_time", "clearance", "gap"):
         optional = name != "cycle_time" and entry[name] is None
@@ -111,9 +115,10 @@ def _recorded(file: str, case: str, entry: Any) -> Recorded:
             _refuse(file, f"is damaged: case {quote(case)}: {name} is {quote(entry[name])}")
     if entry["cycle_time"] < 0.0:
         _refuse(file, f"is damaged: case {quote(case)}: cycle_time is negative")
-    groups = [entry["limiting"], entry["limits"], entry["inputs"]]
+    groups = [entry["limiting"], entry["limits"], entry["inputs"], entry.get("numbers", {})]
     if not all(isinstance(group, dict) for group in groups):
-        _refuse(file, f"is damaged: case {quote(case)}: limiting, limits, inputs must be objects")
+        objects = "limiting, limits, inputs, numbers"
+        _refuse(file, f"is damaged: case {quote(case)}: {objects} must be objects")
     tables = [entry["limiting"], *entry["limits"].values()]
     whole = all(isinstance(t, dict) and all(map(is_number, t.values())) for t in tables)
     if not whole or not all(isinstance(text, str) for text in entry["inputs"].values()):

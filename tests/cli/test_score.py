@@ -121,6 +121,39 @@ def test_a_lowered_limit_fails_with_cell_figure_and_joint(cells, score):
     assert (code, "1 pass" in out) == (0, True)
 
 
+def test_a_regression_names_the_number_that_made_it_and_a_lever(cells, score):
+    """Both arms stay 0.5 s longer at once: setting the dwell back gains 0.5 s, half of it 0.3 s."""
+    case = cells(1)[0]
+    tasks = Path(case)
+    task = "{id: ID, arm: ARM, pick: {xyz: [X mm, 100 mm, 0], rpy: [180 deg, 0, 0], free: yaw}}"
+    rows = [("a", "left", "80"), ("b", "right", "50")]
+    words = [
+        f"  - {task.replace('ID', i).replace('ARM', arm).replace('X', x)}" for i, arm, x in rows
+    ]
+    head = ["dualarm: tasks/1", "cell: cell.yaml", "return: true", "defaults: {dwell: 100 ms}"]
+    text = "\n".join([*head, "tasks:", *words, ""])
+    tasks.write_text(text)
+    assert score(ALL, "--baseline", "scores.json", "--update-baseline")[0] == 0
+    tasks.write_text(text.replace("100 ms", "600 ms"))
+    assert score(ALL)[0] == 0  # kept without its schedule
+    code, out, err = score(ALL, "--baseline", "scores.json", "--json")
+    assert code == 1
+    [row] = json.loads(out)["cases"]
+    message = row["reasons"][1]["message"]
+    assert message in err
+    assert message.startswith(
+        "made by dwell 100 ms to 600 ms (set back it gains an estimated 0.500 s)"
+    )
+    assert "unchanged and not planned again: 1 of 1" in score(ALL, "--baseline", "scores.json")[2]
+    # Baselines of earlier versions have no numbers: the other lever is named alone.
+    old = json.loads(Path("scores.json").read_text())
+    del old["cases"][case]["numbers"]
+    Path("scores.json").write_text(json.dumps(old))
+    code, out, _ = score(ALL, "--baseline", "scores.json", "--json")
+    message = json.loads(out)["cases"][0]["reasons"][1]["message"]
+    assert message == "dwell 600 ms to 300 ms would gain an estimated 0.300 s of the 0.500 s lost"
+
+
 def test_one_bad_cell_does_not_stop_the_others_and_the_gravest_decides(cells, score):
     """A file that is wrong, a target out of reach, a good one: exit 2; without the first exit 3."""
     names = cells(3)

@@ -137,7 +137,11 @@ def write_reports(
 
 
 def write_baseline(
-    path: Path, verdicts: Sequence[Verdict], former: Baseline | None, settings: dict[str, object]
+    path: Path,
+    verdicts: Sequence[Verdict],
+    former: Baseline | None,
+    settings: dict[str, object],
+    paths: Mapping[str, str],
 ) -> bool:
     """Write the new baseline, unless a case has no plan.
 
@@ -146,6 +150,7 @@ def write_baseline(
         verdicts: verdicts on its cases.
         former: baseline whose other cases stay in it, or None.
         settings: settings of planning.
+        paths: task files by case.
 
     Returns:
         Whether it was written.
@@ -153,6 +158,7 @@ def write_baseline(
     Raises:
         OutputError: it cannot be written.
     """
+    from dualarm_cli.cli.parts.score_levers import numbers_of
     from dualarm_cli.evaluation.request import machine
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.scoring.baseline import Recorded, baseline_bytes
@@ -161,7 +167,7 @@ def write_baseline(
     for verdict in verdicts:
         if verdict.evaluation is None or not verdict.evaluation.has_plan:
             return False
-        cases[verdict.case] = Recorded.of(verdict.evaluation)
+        cases[verdict.case] = Recorded.of(verdict.evaluation, numbers_of(paths[verdict.case]))
     write_file(path, baseline_bytes(settings, cases, machine()), force=True)
     return True
 
