@@ -72,10 +72,10 @@ class Store:
         matches = evaluation.case == request.case and dict(evaluation.inputs) == inputs
         if not (matches and evaluation.status in REPEATABLE and _adds_up(evaluation)):
             return None
-        if request.above is not None and (evaluation.cycle_time or 0.0) > request.above:
-            # Planned when it was no regression, without the schedule.
-            evaluation = evaluation if evaluation.schedule else None
-        if evaluation is None or not request.page or evaluation.status == "infeasible":
+        longer = request.above is not None and (evaluation.cycle_time or 0.0) > request.above
+        if longer and not evaluation.schedule:
+            return None  # planned when nothing asked for the schedule
+        if not request.page or evaluation.status == "infeasible":
             return evaluation
         # This import loads numpy, which answers alone do not need.
         from dualarm_cli.page.packed import unpacked_document
