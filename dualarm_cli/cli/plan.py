@@ -158,7 +158,7 @@ def plan_command(
     shows = "--watch" if watch else "--open" if open_page else ""
     without = {"--out -": out == STDOUT, "--json": json_output and watch, "--no-page": not page}
     if why and out == STDOUT:
-        raise UsageError("--why writes beside the plan: it does not go with --out -")
+        raise UsageError("--why writes into the folder of the plan: it does not go with --out -")
     for option in (option for option, given in without.items() if given and shows):
         raise UsageError(f"{shows} shows the page of the plan: it does not go with {option}")
     if watch:

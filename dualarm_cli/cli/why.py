@@ -95,7 +95,7 @@ def why_of(
 
 
 def write_why(folder: Path, document: dict[str, Any]) -> None:
-    """Write the document beside a plan, and put it into the page of the plan."""
+    """Write the document into the folder of a plan, and its levers into the page."""
     from dualarm_cli.exporting.whole_files import replace_all
     from dualarm_cli.page.what_helps import WHY, page_with_levers
 

@@ -144,7 +144,7 @@ def _sources() -> str:
 
 
 def question(request: Request) -> dict[str, Any]:
-    """Return the request without its path, and without what it asks for beside the answer."""
+    """Return the request without its path and without extra contents of the answer."""
     document = request.as_document()
     del document["path"], document["page"], document["above"]
     return document

@@ -8,7 +8,7 @@ from dualarm_cli import __version__
 from dualarm_cli.levers.changes import Lever
 from dualarm_cli.levers.estimates import Estimate
 from dualarm_cli.levers.replanning import Replanned
-from dualarm_cli.levers.stops import Stop
+from dualarm_cli.levers.stops import PartialLever
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.report import comparisons as members
@@ -21,7 +21,7 @@ def why_document(
     case: str,
     estimates: Sequence[Estimate],
     replanned: Sequence[Replanned],
-    stops: Mapping[str, Sequence[Stop]],
+    stops: Mapping[str, Sequence[PartialLever]],
 ) -> members.WhyReport:
     """Compose the document.
 
@@ -102,7 +102,9 @@ def _piece(path: CriticalPath, k: int) -> members.WhyPiece:
     }
 
 
-def _lever(estimate: Estimate, result: Replanned | None, stops: Sequence[Stop]) -> members.WhyLever:
+def _lever(
+    estimate: Estimate, result: Replanned | None, stops: Sequence[PartialLever]
+) -> members.WhyLever:
     lever: Lever = estimate.lever
     has_plan = result is not None and result.gain is not None
     return {

@@ -85,7 +85,7 @@ def _matters(lever: Lever, schedule: Schedule, job: Job) -> bool:
 
 
 def lengths_under(kept: KeptPlan, lever: Lever, tasks: Path) -> np.ndarray | str:
-    """Estimate the times of the plan's pieces under a lever, or say why they are not estimated."""
+    """Estimate the times of the plan's pieces under a lever, or return the reason against."""
     changed = load_job(tasks, tasks.name, lever.values)
     if not lever.is_modelled:
         return "only another plan shows it"

@@ -33,9 +33,9 @@ class StopSettings:
     """Stops of sliders."""
 
     shares: tuple[float, ...] = (0.25, 0.5, 0.75)
-    """Shares of a change, beside nothing and all of it."""
-    both_ways: tuple[float, ...] = (-1.0, -0.5, 0.5)
-    """Shares of a displacement; negative ones go the other way."""
+    """Shares of a change between nothing and all of it."""
+    two_directions: tuple[float, ...] = (-1.0, -0.5, 0.5)
+    """Shares of a displacement; negative ones go in the other direction."""
     sliders: int = 8
     """Number of levers that have stops, largest estimates first."""
 
@@ -44,7 +44,7 @@ STOPS = StopSettings()
 
 
 @dataclass(frozen=True)
-class Stop:
+class PartialLever:
     """Part of a lever with its estimate."""
 
     share: float
@@ -57,7 +57,7 @@ class Stop:
 
 def estimated_stops(
     schedule: Schedule, job: Job, tasks: Path, estimates: Sequence[Estimate]
-) -> dict[str, list[Stop]]:
+) -> dict[str, list[PartialLever]]:
     """Estimate parts of the levers with the largest estimates, without those of the robot.
 
     Args:
@@ -71,10 +71,10 @@ def estimated_stops(
     """
     kept, documents = KeptPlan(schedule, job), job_documents(Project.of(tasks), tasks, tasks.name)
     gaining = [e for e in estimates if (e.gain or 0.0) > 0.0 and e.lever.kind != "robot"]
-    stops: dict[str, list[Stop]] = {}
+    stops: dict[str, list[PartialLever]] = {}
     for estimate in gaining[: STOPS.sliders]:
         lever = estimate.lever
-        shares = STOPS.both_ways if lever.kind == "layout" else STOPS.shares
+        shares = STOPS.two_directions if lever.kind == "layout" else STOPS.shares
         rows = []
         for share in shares:
             try:
@@ -87,16 +87,16 @@ def estimated_stops(
         if not rows:
             continue
         times = retimed(schedule, kept.pieces, np.array([lengths for *_, lengths in rows]))
-        found = [
-            Stop(share, fewer, schedule.duration - float(time))
+        partial = [
+            PartialLever(share, fewer, schedule.duration - float(time))
             for (share, fewer, _), time in zip(rows, times, strict=True)
         ]
-        stops[str(lever)] = [*found, Stop(1.0, lever, estimate.gain or 0.0)]
+        stops[str(lever)] = [*partial, PartialLever(1.0, lever, estimate.gain or 0.0)]
     return stops
 
 
 def part(lever: Lever, documents: Mapping[str, Document], share: float) -> Lever:
-    """Build a part of a lever: its values at a share of the way from the files' ones.
+    """Build a part of a lever, between the values of the files and its own.
 
     Args:
         lever: a change of numbers.

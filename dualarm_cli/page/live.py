@@ -179,11 +179,11 @@ class LivePage:
                     self.send_error(413)
                     return
                 try:
-                    asked = json.loads(self.rfile.read(int(length)))
+                    document = json.loads(self.rfile.read(int(length)))
                 except ValueError:
                     self.send_error(400)
                     return
-                self._answer(json.dumps(live._replan(asked)).encode(), "application/json")
+                self._answer(json.dumps(live._replan(document)).encode(), "application/json")
 
             def _is_named(self) -> bool:
                 """Check the host: a foreign name of this machine (DNS rebinding) gets no answer."""

@@ -1,4 +1,4 @@
-"""Levers in a page: the document of `dualarm why` beside a plan, and the part of it that the page shows."""
+"""Levers in the page of a plan, from the document of `dualarm why`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dualarm_cli import __version__
 from dualarm_cli.page.page import DATA, page_html
 
 WHY = "why.json"
-"""Name of the document of `dualarm why` beside a schedule."""
+"""Name of the document of `dualarm why` in the folder of a plan."""
 _MEMBERS = ("name", "change", "kind", "estimate", "reason", "status", "gain")
 
 
@@ -36,7 +36,7 @@ def levers_of(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def kept_levers(folder: Path, pieces: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """Read the levers beside a plan; None without a document, or with one of another plan.
+    """Read the levers of a plan; None without a document, or with one of another plan.
 
     Args:
         folder: of the plan.
@@ -44,8 +44,8 @@ def kept_levers(folder: Path, pieces: Sequence[Mapping[str, Any]]) -> dict[str, 
     """
     try:
         document = json.loads((folder / WHY).read_text(encoding="utf-8"))
-        own = [(round(row["length"], 6), round(row["slack"], 6)) for row in document["pieces"]]
-        fits = own == [(piece["length"], piece["slack"]) for piece in pieces]
+        slack = [(round(row["length"], 6), round(row["slack"], 6)) for row in document["pieces"]]
+        fits = slack == [(piece["length"], piece["slack"]) for piece in pieces]
         return levers_of(document) if fits else None
     except (OSError, ValueError, LookupError, TypeError):
         return None

@@ -1,4 +1,4 @@
-"""Levers of a regression: the changed number that made it, and the lever that would mend it.
+"""Levers of a regression: the changed number behind it, and the largest other lever.
 
 Both are estimated from the new plan (`levers/estimates`); nothing is planned for them.
 """
@@ -45,7 +45,7 @@ def numbers_of(tasks: str) -> dict[str, Any]:
 
 
 def with_levers(verdicts: Sequence[Verdict], requests: Sequence[Request]) -> list[Verdict]:
-    """Add to each regression what made it, and what would mend it, as a further reason.
+    """Add to each regression its changed number, and the largest other lever.
 
     Args:
         verdicts: on all cases.
@@ -66,17 +66,17 @@ def _levers(verdict: Verdict, tasks: str) -> str:
     if evaluation is None or before is None or not evaluation.schedule:
         return ""
     try:
-        back, mending = _estimated(evaluation, before, Path(tasks))
+        back, larger = _estimated(evaluation, before, Path(tasks))
     except DualArmError:
         return ""  # an explanation that fails must not hide the regression
     words = []
     if back is not None:
         gain = "" if back.gain is None else f" (set back it gains an estimated {back.gain:.3f} s)"
         words.append(f"made by {back.lever}{gain}")
-    if mending is not None:
+    if larger is not None:
         lost = (evaluation.cycle_time or 0.0) - before.cycle_time
         words.append(
-            f"{mending.lever} would gain an estimated {mending.gain:.3f} s of the {lost:.3f} s lost"
+            f"{larger.lever} would gain an estimated {larger.gain:.3f} s of the {lost:.3f} s lost"
         )
     return "; ".join(words)
 

@@ -216,25 +216,25 @@ def keep_planning(tasks: Path, page: Path, plan: Callable[[], None], open_page: 
 
 
 class Replanning:
-    """Planner of a job with the levers that a reader of its page has chosen, one at a time."""
+    """Planner of a job with levers chosen in its page, one at a time."""
 
     def __init__(self, tasks: Path, folder: Path) -> None:
         """Store the task file, and the folder of its plan."""
         self.tasks, self.folder = tasks, folder
         self._busy = threading.Lock()
 
-    def __call__(self, asked: Any) -> dict[str, Any]:
+    def __call__(self, request: Any) -> dict[str, Any]:
         """Plan, verify, and return status, cycle time and gain, or an error in words.
 
         Files and plan stay as they are: the values are replaced while the files are read, in a process of its own.
 
         Args:
-            asked: `{"levers": [["gripper 0.12 s to 0.06 s", 0.5], ...]}`: names with changes, and shares of them.
+            request: `{"levers": [["gripper 0.12 s to 0.06 s", 0.5], ...]}`: names with changes, and shares of them.
         """
         if not self._busy.acquire(blocking=False):
             return {"error": "a plan is being made: try again when it is shown"}
         try:
-            return self._planned([(str(name), float(share)) for name, share in asked["levers"]])
+            return self._planned([(str(name), float(share)) for name, share in request["levers"]])
         except (DualArmError, LookupError, TypeError, ValueError) as error:
             return {"error": str(error) or "not a request for levers"}
         finally:
@@ -252,19 +252,19 @@ class Replanning:
 
         schedule = read_schedule(self.folder)
         documents = job_documents(Project.of(self.tasks), self.tasks, self.tasks.name)
-        known = {str(lever): lever for lever in levers(documents)}
+        by_name = {str(lever): lever for lever in levers(documents)}
         parts = tuple(
-            part(known[name], documents, min(max(share, -1.0), 1.0)) for name, share in chosen
+            part(by_name[name], documents, min(max(share, -1.0), 1.0)) for name, share in chosen
         )
         request = request_of(schedule, self.tasks, case_name(self.tasks))
         with evaluators(1, None, None) as run:
             (planned,) = Replanner(schedule, request, run, None).plan([parts])
-        found = planned.evaluation
+        evaluation = planned.evaluation
         return {
-            "status": found.status,
-            "cycle_time": found.cycle_time,
+            "status": evaluation.status,
+            "cycle_time": evaluation.cycle_time,
             "gain": planned.gain,
-            "findings": [str(finding) for finding in found.findings],
+            "findings": [str(finding) for finding in evaluation.findings],
         }
 
 
