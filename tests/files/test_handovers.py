@@ -101,11 +101,13 @@ def test_without_a_part_nothing_is_carried(flip: Path, change: Change) -> None:
     [
         (("    place: {xyz: [0.2, -0.5, 0.8]}\n", ""), ["tasks.yaml:6:5: E202 'place' is missing: a hand-over has pick, handover and place"]),
         (("    pick: {at: bin, xyz: [0, 0, 50 mm]}\n", ""), ["tasks.yaml:6:5: E202 'pick' is missing: a hand-over has pick, handover and place"]),
-        ((", grip: {xyz: [0, 0, 100 mm], rpy: [180 deg, 0, 0]}", ""), ["tasks.yaml:10:15: E202 'grip' is missing"]),
+        ((", grip: {xyz: [0, 0, 100 mm], rpy: [180 deg, 0, 0]}", ""), ["tasks.yaml:10:15: E202 'grip' is missing, or 'grasp' of a part with grasps"]),
         (("grip: {xyz: [0, 0, 100 mm], rpy: [180 deg, 0, 0]}", "grip: {}"), ["tasks.yaml:10:64: E200 both tools in the same pose; give xyz, rpy or quat of the taking tool in the giving one's frame"]),
         (("at: bin, xyz: [0, 0, 0.3], rpy: [90 deg, 0, 0]", "joints: [0, 0]"), ["tasks.yaml:10:16: E200 'joints' does not go with 'handover': two tools meet there, so it must be a pose; give xyz, with rpy or quat"]),
         (("xyz: [0, 0, 0.3]", "xyz: [0, 0, 0.3], free: yaw"), ["tasks.yaml:10:43: E200 'free' does not go with 'handover': the taking tool's pose follows from the giving one's, so both must be fixed"]),
         (("at: bin, xyz: [0, 0, 0.3]", "at: bim, xyz: [0, 0, 0.3]"), ["tasks.yaml:10:20: E300 the cell has no frame 'bim', did you mean 'bin'? It has: bin, bin.slot, world"]),
+        (("grip: {xyz: [0, 0, 100 mm], rpy: [180 deg, 0, 0]}", "grasp: top"), ["tasks.yaml:10:71: E300 the part has no grasps; name them in the cell file, or remove 'grasp'"]),
+        (("grip: {xyz", "grasp: top, grip: {xyz"), ["tasks.yaml:10:76: E200 'grip' follows from 'grasp'; keep one"]),
         (("    arm: left\n    part", "    part"), ["tasks.yaml:6:5: E202 'arm' is missing"]),
         (("part: bracket", "part: racket"), ["tasks.yaml:8:11: E300 the cell has no part 'racket', did you mean 'bracket'? Parts: bracket"]),
         (("    place: {xyz", "    move: {xyz: [0, 0, 0]}\n    place: {xyz"), ["tasks.yaml:11:5: E200 'move' does not go with 'handover'; make two tasks"]),
@@ -179,3 +181,50 @@ def test_grips_are_rigid(flip: Path) -> None:
     assert work.grip.isApprox(wanted, 1e-12)
     assert (work.giver, work.taker) == ("left", "right")
     assert str(work.place) == "tasks.yaml:10:15"
+
+
+def test_grasps_of_both_tools_say_what_the_grip_says(tasks_folder: Path, tmp_path: Path) -> None:
+    """By hand for the flipped brackets: their frame is that of the giving tool, turned over.
+
+    The taking tool is 104 mm below it, looking up.
+    """
+    source = tasks_folder / "13_hand_over"
+    (tmp_path / "dualarm.toml").write_text("")
+    cell = (source / "cell.yaml").read_text()
+    old = "bracket: {shapes: [{box: [40 mm, 60 mm, 100 mm], xyz: [0, 0, 52 mm]}]}"
+    new = (
+        "bracket: {shapes: [{box: [40 mm, 60 mm, 100 mm], xyz: [0, 0, -52 mm], rpy: [180 deg, 0, 0]}], "
+        "grasps: {above: {rpy: [180 deg, 0, 0]}, below: {xyz: [0, 0, -104 mm]}}}"
+    )
+    assert old in cell
+    (tmp_path / "cell.yaml").write_text(cell.replace(old, new))
+    text = (source / "tasks.yaml").read_text()
+    for before, after in (
+        ("arm: left ", "grasp: above\n    arm: left "),
+        ("arm: left\n", "grasp: above\n    arm: left\n"),
+        ("{at: infeed, rpy: [180 deg, 0, 0],", "{at: infeed,"),
+        ("rpy: [90 deg, 0, 0]", "rpy: [-90 deg, 0, 0]"),
+        ("grip: {xyz: [0, 0, 104 mm], rpy: [180 deg, 0, 0]}", "grasp: below"),
+        ("{at: outfeed, xyz: [0, 0, 0]", "{at: outfeed, xyz: [0, 0, -104 mm]"),
+        ("{at: outfeed, xyz: [0, -100 mm, 0]", "{at: outfeed, xyz: [0, -100 mm, -104 mm]"),
+    ):
+        assert before in text, before
+        text = text.replace(before, after)
+    (tmp_path / "tasks.yaml").write_text(text)
+    stated, by_grasps = load_job(source / "tasks.yaml"), load_job(tmp_path / "tasks.yaml")
+    assert [task.part for task in by_grasps.tasks[:2]] == [
+        "bracket@above",
+        "bracket@above@flip-1",
+    ]
+    for first, second in zip(stated.tasks, by_grasps.tasks, strict=True):
+        for a, b in zip(first.stops, second.stops, strict=True):
+            assert (a.action, a.approach, a.retract, a.dwell) == (
+                b.action,
+                b.approach,
+                b.retract,
+                b.dwell,
+            )
+            assert a.target.pose.isApprox(b.target.pose, 1e-12)
+        assert first.handover.grip.isApprox(second.handover.grip, 1e-12)
+        [before], [after] = stated.cell.parts[first.part], by_grasps.cell.parts[second.part]
+        assert before.pose.isApprox(after.pose, 1e-12)

@@ -40,7 +40,7 @@ def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> l
     for grasp in grasps.values():
         chosen.setdefault(grasp.of, []).append(grasp)
     names = list(chosen) if section.grasp is None else section.grasp
-    if not _are_known(reader, loc, names, chosen) or not _are_posed(reader, section, loc):
+    if not _are_known(reader, loc, names, chosen) or not are_posed(reader, section, loc):
         return [task]
     return [_by_grasp(reader, section, loc, task, g) for name in names for g in chosen[name]]
 
@@ -60,8 +60,8 @@ def _are_known(reader: TaskReader, loc: Loc, names: list[str], grasps: Collectio
     return good
 
 
-def _are_posed(reader: TaskReader, section: TaskSection, loc: Loc) -> bool:
-    """Check that pick and place are poses of the part; note joint positions."""
+def are_posed(reader: TaskReader, section: TaskSection, loc: Loc) -> bool:
+    """Check that pick and place are poses of a part with grasps; note joint positions."""
     good = True
     for action in ("pick", "place"):
         target = getattr(section, action)
@@ -76,29 +76,40 @@ def _are_posed(reader: TaskReader, section: TaskSection, loc: Loc) -> bool:
 
 
 def _by_grasp(reader: TaskReader, section: TaskSection, loc: Loc, task: Task, grasp: Grasp) -> Task:
-    """Build a task with one grasp: T_world_tool = T_world_part T_part_tool."""
-
-    def held(stop: Stop) -> Stop:
-        target = stop.target
-        assert isinstance(target, PoseTarget)  # others are refused before
-        key = "free" if target.free_yaw else "symmetry"
-        if (target.free_yaw or target.symmetry > 1) and not grasp.is_on_axis:
-            message = (
-                f"it turns the part about its z axis, which is not the tool's in grasp {quote(grasp.name)}; "
-                f"remove {quote(key)}, or that grasp from the task, or give the part `symmetry`"
-            )
-            reader.note((*loc, stop.action, key), message)
-        target = PoseTarget(
-            target.pose * grasp.pose,
-            target.free_yaw or grasp.free_yaw,
-            math.lcm(target.symmetry, grasp.symmetry),
-        )
-        approach, retract = stop.approach, stop.retract
-        if section.approach is None and grasp.approach is not None:
-            approach = grasp.approach
-        if section.retract is None and grasp.retract is not None:
-            retract = grasp.retract
-        return replace(stop, target=target, approach=approach, retract=retract)
-
-    stops = tuple(map(held, task.stops))
+    """Build a task with one grasp."""
+    stops = tuple(stop_by_grasp(reader, section, loc, stop, grasp) for stop in task.stops)
     return replace(task, stops=stops, part=part_as_held(task.part, grasp.name), grasp=grasp)
+
+
+def stop_by_grasp(
+    reader: TaskReader, section: TaskSection, loc: Loc, stop: Stop, grasp: Grasp
+) -> Stop:
+    """Build the stop of a tool with a grasp: T_world_tool = T_world_part T_part_tool.
+
+    Args:
+        reader: of the file; errors are noted there.
+        section: the task as the file has it.
+        loc: where it stands.
+        stop: with the pose of the part.
+        grasp: of the part.
+    """
+    target = stop.target
+    assert isinstance(target, PoseTarget)  # others are refused before
+    key = "free" if target.free_yaw else "symmetry"
+    if (target.free_yaw or target.symmetry > 1) and not grasp.is_on_axis:
+        message = (
+            f"it turns the part about its z axis, which is not the tool's in grasp {quote(grasp.name)}; "
+            f"remove {quote(key)}, or that grasp from the task, or give the part `symmetry`"
+        )
+        reader.note((*loc, stop.action, key), message)
+    target = PoseTarget(
+        target.pose * grasp.pose,
+        target.free_yaw or grasp.free_yaw,
+        math.lcm(target.symmetry, grasp.symmetry),
+    )
+    approach, retract = stop.approach, stop.retract
+    if section.approach is None and grasp.approach is not None:
+        approach = grasp.approach
+    if section.retract is None and grasp.retract is not None:
+        retract = grasp.retract
+    return replace(stop, target=target, approach=approach, retract=retract)

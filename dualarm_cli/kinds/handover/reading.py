@@ -11,11 +11,11 @@ from pydantic import Field, model_validator
 from dualarm_cli.files.source.fields import FramedPose, Name, ToolPose, refuse, to_se3
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.tasks.grasps import are_posed, stop_by_grasp
 from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
-from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Handover, part_as_held
+from dualarm_cli.model.part_flow import Grasp, Handover, part_as_held
 from dualarm_cli.model.place import Place
 
 _NO_FREEDOM = {
@@ -31,8 +31,15 @@ class HandoverSection(FramedPose):
     at: Name | None = Field(
         default=None, description="Named frame that the pose is given in; same as `in`."
     )
-    grip: ToolPose = Field(
-        description="Pose of the taking tool's centre point in the frame of the giving tool's."
+    grip: ToolPose | None = Field(
+        default=None,
+        description="Pose of the taking tool's centre point in the frame of the giving tool's; required without "
+        "`grasp`.",
+    )
+    grasp: Name | None = Field(
+        default=None,
+        description="Grasp of the taking tool, in place of `grip`, for a part with grasps; the pose is then that of "
+        "the part.",
     )
 
     @model_validator(mode="before")
@@ -51,6 +58,12 @@ class HandoverSection(FramedPose):
             )
         if self.in_ is not None and self.at is not None:
             raise refuse("'in' and 'at' both name the frame; keep one", "in")
+        if self.grip is None and self.grasp is None:
+            raise refuse("'grip' is missing, or 'grasp' of a part with grasps", code="E202")
+        if self.grip is None:
+            return self
+        if self.grasp is not None:
+            raise refuse("'grip' follows from 'grasp'; keep one", "grip")
         if self.grip.xyz is None and self.grip.rpy is None and self.grip.quat is None:
             raise refuse(
                 "both tools in the same pose; give xyz, rpy or quat of the taking tool in the giving one's frame",
@@ -96,19 +109,53 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
         return []
     taker = ANY if arm == ANY else next(name for name in reader.arms if name != arm)
     part = reader.part(section, loc)
-    if part in reader.cell.grasps:
-        message = (
-            f"part {quote(part)} has grasps, which do not go with 'handover' in this version; "
-            "name a part without them"
-        )
-        reader.note(place, message, NOT_AVAILABLE)
     meets = reader.targets.pose(handover, handover.at, place)
     stops = {stop.action: stop for stop in reader.stops(section, loc, arm, taker)}
-    whole = reader.task(section, loc, arm, (), part)
-    if meets is None or len(stops) < 2:
+    grasps = _grasps(reader, section, handover.grasp, loc, part)
+    if meets is None or len(stops) < 2 or grasps is None:
         return []
-    picks = stops["pick"], stops["place"]
-    return handover_shares(whole, taker, picks, (meets, to_se3(handover.grip)), reader.place(place))
+    pick, put, grip = stops["pick"], stops["place"], to_se3(handover.grip or ToolPose())
+    if grasps:
+        giving, taking = grasps
+        pick = stop_by_grasp(reader, section, loc, pick, giving)
+        put = stop_by_grasp(reader, section, loc, put, taking)
+        meets, grip = meets * giving.pose, giving.pose.actInv(taking.pose)
+        part = part_as_held(part, giving.name)
+    whole = reader.task(section, loc, arm, (), part)
+    return handover_shares(whole, taker, (pick, put), (meets, grip), reader.place(place))
+
+
+def _grasps(
+    reader: TaskReader, section: TaskSection, taking: str | None, loc: Loc, part: str
+) -> tuple[Grasp, ...] | None:
+    """Look up the grasps of both tools, none for a part without grasps.
+
+    None after noting an error.
+    """
+    grasps = reader.cell.grasps.get(part, {})
+    named: dict[Loc, list[str]] = {
+        (*loc, "grasp"): section.grasp or [],
+        (*loc, "handover", "grasp"): [taking] if taking else [],
+    }
+    if not grasps:
+        for where, names in named.items():
+            if names:
+                message = "the part has no grasps; name them in the cell file, or remove 'grasp'"
+                reader.note(where, message)
+        return None if any(named.values()) else ()
+    chosen = []
+    for where, names in named.items():
+        if len(names) == 1 and names[0] in grasps:
+            chosen.append(grasps[names[0]])
+            continue
+        names = list(dict.fromkeys(grasp.of for grasp in grasps.values()))
+        message = (
+            f"part {quote(part)} has grasps, so a hand-over names one of the giving tool, with `grasp` of the task, "
+            f"and one of the taking tool, with `grasp` of `handover`; grasps: {', '.join(names)}"
+        )
+        reader.note(where, message)
+        return None
+    return tuple(chosen) if are_posed(reader, section, loc) else None
 
 
 def handover_shares(
