@@ -341,6 +341,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             cycles_in_long=1,
             local_rounds=0,
             near=replace(NEAR, arm_angles=18, most_nodes=1000, width=20, per_angle=3),
+            begun=6,
             refined=6,
         ),
         bound=Resolution(step=np.radians(15.0), arm_angles=9, finer=3),

@@ -219,7 +219,7 @@ def _solved(problem: MethodProblem) -> Decided:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    greedy = len(job.stages()) <= problem.settings.search.begun
+    greedy = len(job.stages()) <= _begun(problem, numbers)
 
     def simpler_starts(on_grid: bool) -> list[Decisions]:
         nonlocal starts, failure
@@ -254,6 +254,17 @@ def _solved(problem: MethodProblem) -> Decided:
     gap = _grid_gap(result) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None
     return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler)
+
+
+def _begun(problem: MethodProblem, numbers: SequenceProblem) -> float:
+    """Return the number of stages up to which simpler methods' plans are starts.
+
+    Where stops have several yaws, a grid misses more.
+    """
+    stops = (stop for arm in numbers.arms for stop in arm.stops if stop is not None)
+    several = any(len(stop.yaw) > 1 and not stop.free_yaw for stop in stops)
+    begun = problem.settings.search.begun
+    return max(begun, SCALING.short) if several else begun
 
 
 def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[list[StagePlan]]:

@@ -25,7 +25,7 @@ from dualarm_cli.stages.search.beam import beam_search
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.exact_stages import ExactStages
 from dualarm_cli.stages.search.linear_steps import _windows
-from dualarm_cli.stages.search.node_plans import NodePlans, grid_angles, plans_on_nodes
+from dualarm_cli.stages.search.node_plans import NodePlans, grid_angles, plans_on_nodes, with_yaws
 from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
 from dualarm_cli.stages.search.search import search
@@ -395,3 +395,29 @@ def test_where_the_grids_have_no_plan_simpler_methods_plans_serve(
     monkeypatch.setattr(sequence, "_starts", lambda _: pytest.fail("asked"))
     with pytest.raises(InfeasibleError):
         sequence.solve_sequence(_method_problem(job, without_margin=_method_problem(job)))
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_symmetric_stops_take_the_yaws_between_which_the_last_joint_turns_least(
+    random_problem, seed
+):
+    """Brute force over all allowed yaws and whole turns within the limits, by the sum of squared turns."""
+    problem = random_problem(seed, (3, 3), symmetry=3)
+    mesh = Mesh(angle_step=np.radians(20.0), arm_angles=10, most_nodes=400, width=10)
+    [(_, plan)] = plans_on_nodes(problem, ExactStages(problem), mesh, 1).plans
+    turned = evaluate(problem, with_yaws(problem, plan.decisions, turned=True))
+    for work, before, after in zip(problem.arms, plan.arms, turned.arms, strict=True):
+        assert np.allclose(before.q_target[:, :-1], after.q_target[:, :-1])
+        margin = problem.settings.last_joint_margin
+        low, high = work.limits.lower[-1] + margin, work.limits.upper[-1] - margin
+        options = []
+        for last in before.q_target[:, -1]:
+            angles = last + 2.0 * np.pi / 3.0 * np.arange(-6, 7)
+            options.append(angles[(angles >= low) & (angles <= high)])
+        sums = [
+            np.square(np.diff([work.start[-1], *choice])).sum()
+            for choice in itertools.product(*options)
+        ]
+        chosen = np.square(np.diff([work.start[-1], *after.q_target[:, -1]])).sum()
+        assert len(sums) > 1
+        assert chosen == pytest.approx(min(sums))

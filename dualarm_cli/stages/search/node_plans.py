@@ -9,8 +9,8 @@ import numpy as np
 
 from dualarm_cli.background import map_halves
 from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.effort.stages import Mesh
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.effort.stages import SCALING, Mesh
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Grid, Nodes
@@ -23,6 +23,7 @@ from dualarm_cli.stages.plans.problem import (
 from dualarm_cli.stages.plans.source import grid_nodes, postures
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, evaluate, held
 from dualarm_cli.stages.search.beam import NodePath, beam_search
+from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.exact_stages import (
     ExactStages,
     free_nodes,
@@ -32,11 +33,33 @@ from dualarm_cli.stages.search.exact_stages import (
 from dualarm_cli.stages.search.potentials import ArmLayers, arm_layers, with_potentials
 
 
-def with_yaws(problem: SequenceProblem, decisions: Decisions) -> Decisions:
+def _spread(problem: SequenceProblem, decisions: Decisions) -> Evaluated:
+    """Choose the yaws of a plan on nodes; in short sequences stops may take other allowed ones.
+
+    Quick plans of 15 packing jobs of 2 to 12 stages are 0.8 % shorter in the mean; longer jobs are as often longer.
+    """
+    plan = evaluate(problem, with_yaws(problem, decisions))
+    if problem.stages > SCALING.short:
+        return plan
+    turned = with_yaws(problem, decisions, turned=True)
+    if turned.kind == plan.decisions.kind:
+        return plan
+    plans = [each for each in (plan, evaluate(problem, turned)) if np.isfinite(each.total)]
+    if len(plans) < 2:
+        return plans[0] if plans else plan
+    return best_combination(problem, plans[0], [plans[1].decisions])
+
+
+def with_yaws(problem: SequenceProblem, decisions: Decisions, *, turned: bool = False) -> Decisions:
     """Choose free yaws that spread the last joint's turn evenly over transfers.
 
     Between two stops of fixed yaw every transfer then turns the last joint equally far. A stop beyond the limits takes
     the nearest yaw within them; an infeasible stop takes the nearest feasible yaw of a grid around the circle.
+
+    Args:
+        problem: the sequence.
+        decisions: a plan whose free yaws are arbitrary.
+        turned: whether stops with several allowed yaws take those between which the last joint turns least.
     """
     arms = []
     for a, work in enumerate(problem.arms):
@@ -44,8 +67,8 @@ def with_yaws(problem: SequenceProblem, decisions: Decisions) -> Decisions:
             [s is not None and s.free_yaw and s.configurations is None for s in work.stops]
         )
         rows = decisions.arms[a]
-        if free.any() and work.yaw_turns_last_joint:
-            rows = _shared_out(problem, a, decisions.angle, rows, free)
+        if work.yaw_turns_last_joint and (turned or free.any()):
+            rows = _shared_out(problem, a, decisions.angle, rows, free, turned)
             rows = _repaired(problem, a, decisions.angle, rows, free)
         arms.append(rows)
     return Decisions(decisions.angle, tuple(arms))
@@ -64,6 +87,7 @@ def _shared_out(
     angle: FloatArray,
     rows: ArmDecisions,
     free: BoolArray,
+    turned: bool,
 ) -> ArmDecisions:
     work = problem.arms[a]
     stages = TransferChain.of(work).active
@@ -76,18 +100,81 @@ def _shared_out(
     margin = problem.settings.last_joint_margin
     low, high = work.limits.lower[-1] + margin, work.limits.upper[-1] - margin
     turn = np.zeros(len(stages))
+    if turned:
+        options = _options(work, stages, rows, last, low, high)
+        turn = _least_turns(problem, work, last, loose, options)
+        last = last + turn[:, None]
     begin = None if problem.free_start else float(work.start[-1])
     for k in range(len(stages)):
         if loose[k]:
             here = last[k, 0] if begin is None else begin + _share(k, last, loose, begin)
             room = low - last[k].min(), high - last[k].max()
-            turn[k] = float(np.clip(here - last[k, 0], min(room), max(room)))
-        begin = float(last[k, 2] + turn[k])
+            moved = float(np.clip(here - last[k, 0], min(room), max(room)))
+            turn[k] += moved
+            last[k] += moved
+        begin = float(last[k, 2])
     yaw = rows.yaw.copy()
     near = rows.near.copy()
     yaw[stages] += _sense(work) * turn
-    near[stages, -1] = last[:, 1] + turn
+    near[stages, -1] = last[:, 1]
     return replace(rows, yaw=yaw, near=near)
+
+
+def _options(
+    work: ArmWork, stages: IntArray, rows: ArmDecisions, last: FloatArray, low: float, high: float
+) -> list[FloatArray]:
+    """List the last joint's turns to the allowed yaws of each stop [rad], the present one first.
+
+    A free stop has one, as its yaw is chosen between the others.
+    """
+    options = []
+    for k, stage in enumerate(stages):
+        stop, turns = work.stops[stage], np.zeros(1)
+        if stop is not None and not stop.free_yaw and stop.configurations is None:
+            turns = _sense(work) * (stop.yaw - rows.yaw[stage])
+            turns = (turns[:, None] + 2.0 * np.pi * np.arange(-1, 2)).ravel()
+            turns = turns[(last[k].min() + turns >= low) & (last[k].max() + turns <= high)]
+            turns = np.append(0.0, turns[np.abs(turns) > 1e-6])
+        options.append(turns)
+    return options
+
+
+def _least_turns(
+    problem: SequenceProblem,
+    work: ArmWork,
+    last: FloatArray,
+    loose: BoolArray,
+    options: Sequence[FloatArray],
+) -> FloatArray:
+    """Choose among the stops' allowed yaws those between which the last joint turns least.
+
+    The sum over transfers of squared turns is least, by dynamic programming; free yaws share a turn evenly.
+
+    Returns:
+        The last joint's turn at each stop [rad], shape (m,).
+    """
+    turn = np.zeros(len(last))
+    fixed = np.flatnonzero(~loose).tolist()
+    if all(len(options[k]) == 1 for k in fixed):
+        return turn
+    cost, choices, before = np.zeros(1), list[IntArray](), -1
+    ends = np.zeros(1) if problem.free_start else np.full(1, work.start[-1])
+    for k in fixed:
+        begins = last[k, 0] + options[k]
+        between = range(before + 1, k)
+        along = sum(last[j, 2] - last[j, 0] for j in between)
+        turns = (begins[None] - ends[:, None] - along) ** 2 / (len(between) + 1)
+        is_free = before < 0 and problem.free_start
+        total = cost[:, None] + (0.0 if is_free else 1.0) * turns
+        choices.append(np.argmin(total, axis=0))
+        cost, ends, before = total.min(axis=0), last[k, 2] + options[k], k
+    if problem.returns and not problem.free_start:
+        cost = cost + (work.start[-1] - ends) ** 2
+    best = int(np.argmin(cost))
+    for k, choice in zip(reversed(fixed), reversed(choices), strict=True):
+        turn[k] = options[k][best]
+        best = int(choice[best])
+    return turn
 
 
 def _share(k: int, last: FloatArray, loose: BoolArray, begin: float) -> float:
@@ -232,8 +319,8 @@ def plans_on_nodes(
         paths = beam_search(problem, arms, angles, mesh.width, mesh.per_angle, plans)
         candidates = []
         for path in paths:
-            spread = replace(path, decisions=with_yaws(problem, path.decisions))
-            candidates.append((spread, held(problem, evaluate(problem, spread.decisions))))
+            plan = _spread(problem, path.decisions)
+            candidates.append((replace(path, decisions=plan.decisions), held(problem, plan)))
         possible = [(path, plan) for path, plan in candidates if np.isfinite(plan.total)]
         if possible or not candidates:
             return NodePlans(possible, bound)
