@@ -159,7 +159,8 @@ class Plan(ShownInNotebooks):
         from dualarm_cli.page.what_helps import kept_levers
 
         shown = self._shown()
-        shown["levers"] = kept_levers(Path(folder), shown["pieces"])
+        if (levers := kept_levers(Path(folder), shown["pieces"])) is not None:
+            shown["levers"] = levers
         replace_all(Path(folder), {PAGE: [self._page(shown)]})
         return Path(folder) / PAGE
 

@@ -62,7 +62,7 @@ def test_the_page_has_the_levers_of_its_plan(
     shutil.copytree(planned_files("01_first_pick"), plan)
     tasks = tasks_folder / "01_first_pick" / "tasks.yaml"
     assert run(["report", str(plan), "--tasks", str(tasks), "-q"]) == 0
-    assert data_of(plan / "report.html")["levers"] is None
+    assert "levers" not in data_of(plan / "report.html")
     assert run(["why", str(plan), "--tasks", str(tasks), "--budget", "0", "-q"]) == 0
     document = json.loads((plan / "why.json").read_text())
     with_stops = [lever for lever in document["levers"] if lever["stops"]]
@@ -89,4 +89,4 @@ def test_the_page_has_the_levers_of_its_plan(
     document["pieces"][0]["slack"] += 1.0
     (plan / "why.json").write_text(json.dumps(document))
     assert run(["report", str(plan), "--tasks", str(tasks), "-q"]) == 0
-    assert data_of(plan / "report.html")["levers"] is None
+    assert "levers" not in data_of(plan / "report.html")
