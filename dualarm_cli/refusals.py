@@ -258,6 +258,8 @@ _CLEARANCE = {
     "not_clear": _NOT_CLEAR,
     "stage_touches": "task '{task}'{partner:*}: {body_a} and {body_b} lack {measured:mm} of clearance {when:.2f} s "
     "into stage {stage}",
+    "stage_leans": "task '{task}': the part in the {arm} arm leans {degrees:.1f} deg more than its tilt allows "
+    "{when:.2f} s into stage {stage}",
     "stage_lacks_skew": "stage {stage}: the arms come too near to each other when one is up to {allowed:g} s late "
     "(`timing: skew`)",
     "return_touches": "return: {body_a} and {body_b} lack {measured:mm} of clearance {when:.2f} s into stage {stage}",
@@ -360,6 +362,7 @@ HEADS: Mapping[str, str] = {
     "in_the_way": "parts lack room in the given order",
     "grip_touches": "no posture avoids that tools and part are too close to each other in a hand-over",
     "stage_touches": _NOT_CLEAR + "{tried:*}",
+    "stage_leans": "no motion was found that keeps parts upright{tried:*}",
     "stage_lacks_skew": _NOT_CLEAR + "{tried:*}",
     "return_touches": _NOT_CLEAR + "{tried:*}",
 }
@@ -376,6 +379,8 @@ HELPS: Mapping[str, str] = {
     "grip_touches": "try another `grip`, a longer `approach` or `retract`, or a clearance of its own "
     "(`clearances`) for the two",
     "stage_touches": _CLEAR_HELPS,
+    "stage_leans": "try a larger tilt, targets nearer to each other, another arm or grasp, or a place that is turned "
+    "about the vertical",
     "stage_lacks_skew": "try a smaller skew, mode: free, or targets and an order that keep the arms apart",
     "return_touches": _CLEAR_HELPS,
 }

@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import stage_samples
+from dualarm_cli.collision.clearance import LEVER
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.errors import BlockedError
 from dualarm_cli.geometry.elementary import TURN
@@ -185,10 +186,16 @@ def why_blocked(clearing: Clearing, plan: TimedPlan | None) -> list[Refusal]:
             "tried": tried,
         }
         refused = Refusal("return_touches", measured=max(0.0, -margin), data=details)
-        for stop in stops[:1]:
+        arm, spare = cell.least_spare_tilt(samples.position[row], samples.held[row])
+        leans = LEVER * spare < margin
+        first = plan.plans[k].stops.get(arm) if leans else None
+        for stop in [first] if first else stops[:1]:
             origin = stop.stop.place, stop.task.id, stop.arm
             refused = Refusal("stage_touches", *origin, refused.measured, data=details)
-        if cell.skew > 0.0 and margin >= 0.0:
+        if leans:
+            details["degrees"] = np.degrees(-spare)
+            refused = replace(refused, key="stage_leans", arm=arm, measured=-spare)
+        elif cell.skew > 0.0 and margin >= 0.0:
             refused = replace(refused, key="stage_lacks_skew", allowed=cell.skew)
         refusals.append(refused)
     return refusals

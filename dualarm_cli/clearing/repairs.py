@@ -30,7 +30,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.curved_transfers import CurveCost, curve, quick_curves
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.motion.transfers import MotionCache, largest_tool_speed
+from dualarm_cli.motion.transfers import Drive, MotionCache, keeps_tool_speed
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
 from dualarm_cli.records import dataclass
@@ -113,7 +113,7 @@ def quickest_curve(
     """
     arm, arm_motion = context.model.arms[name], context.motions[name]
     start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
-    limits = context.job.limits.select(arm.arm.joints)
+    limits = context.drive.group_limits[name]
     pace = 1.0 / context.job.speed
     transfer_time = arm_motion.arrival * context.samples.step
     rounds = context.settings.curve_rounds
@@ -278,13 +278,8 @@ class Clearing:
 
     def _within_cap(self, plan: StagePlan) -> bool:
         """Return whether all tools of a repaired stage stay below the tool speed limit."""
-        if self.job.tool_speed is None:
-            return True
-        whole = self.alone(plan).trajectory
-        fastest = largest_tool_speed(
-            self.model, list(self.model.arms), lambda time: whole.clamped(time)[0], whole.duration
-        )
-        return fastest <= self.job.tool_speed
+        drive = Drive.of(self.model, self.job, self.timing).to(plan)
+        return not drive.caps or keeps_tool_speed(self.model, drive.caps, self.alone(plan))
 
     def _context(self, plan: StagePlan, k: int, before: StageSamples | None = None) -> StageContext:
         motion = self.alone(plan)

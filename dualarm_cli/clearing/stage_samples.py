@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -335,11 +336,15 @@ class StageContext:
     settings: ClearanceSettings
     """Settings of the repairs."""
 
+    @cached_property
+    def drive(self) -> Drive:
+        """Drive under the limits of the stage."""
+        return Drive.of(self.model, self.job, self.timing).to(self.plan)
+
     def detoured(self, name: str, detour: Detour) -> ArmMotion:
         """Time one arm's motion along a detour."""
-        drive = Drive.of(self.model, self.job, self.timing)
         plan = replace(self.plan, detours={name: detour})
-        pieces = detour_pieces(drive, plan, name, self.platform)
+        pieces = detour_pieces(self.drive, plan, name, self.platform)
         base = self.motions[name]
         rows = [
             piece.clamped(np.arange(0.0, piece.duration, self.samples.step))[0] for piece in pieces
@@ -397,7 +402,7 @@ def tool_times(
 
     The arguments are those of `missing_clearance`.
     """
-    cap = context.job.tool_speed
+    cap = context.drive.caps.get(name)
     if cap is None:
         return None
     stage, instants = _meanwhile(context, name, motion, points)

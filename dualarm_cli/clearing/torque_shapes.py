@@ -18,13 +18,15 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import merge
+from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.care import MotionLimits
 from dualarm_cli.motion.payloads import PayloadSpan, carried_inertias, payload_spans
 from dualarm_cli.motion.torque_limits import SETTINGS, sampled_motion
 from dualarm_cli.motion.torque_transfer import State, TransferEnds, transfer_within_torques
-from dualarm_cli.motion.transfers import largest_tool_speed
+from dualarm_cli.motion.transfers import keeps_tool_speed
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
@@ -84,17 +86,16 @@ def reshaped_within_torques(
 
 def _keeps(problem: MethodProblem, motion: Motion, stage: int, holding: Holding | None) -> bool:
     """Check a stage's clearance and the speed of its tools."""
-    span, cap = motion.stages[stage], problem.job.tool_speed
-    if cap is not None:
-
-        def positions(time: FloatArray) -> FloatArray:
-            return motion.trajectory.clamped(span.start + time)[0]
-
-        length = span.end - span.start
-        model = problem.model
-        if largest_tool_speed(model, list(model.arms), positions, length) > cap:
-            return False
+    caps = _limits(problem.job, motion, stage).caps
+    if caps and not keeps_tool_speed(problem.model, caps, motion, stage):
+        return False
     return holding is None or is_clear(holding.cell, stage_samples(motion, stage, stage, holding))
+
+
+def _limits(job: Job, motion: Motion, stage: int) -> MotionLimits:
+    """Return the limits of a stage's transfers."""
+    events = [event for (k, _), event in motion.event_of.items() if k == stage]
+    return MotionLimits.of_stage(job, frozenset((e.arm, e.task, e.action) for e in events))
 
 
 def _replacements(job: Job, motion: Motion) -> dict[tuple[int, str], _Shaped]:
@@ -122,7 +123,8 @@ def _replacements(job: Job, motion: Motion) -> dict[tuple[int, str], _Shaped]:
             key = tuple(replace(span, start=0.0, end=0.0) for span in held)
             if key not in models:
                 models[key] = Dynamics(job.cell, carried_inertias(job, held))
-            piece = _shape(job, motion.trajectory, transfers[0], stage, models[key])
+            limits = _limits(job, motion, k).joints
+            piece = _shape(job, motion.trajectory, (transfers[0], stage, limits), models[key])
             if piece is None:
                 continue
             replaced = _Shaped(transfers[0], piece)
@@ -132,13 +134,16 @@ def _replacements(job: Job, motion: Motion) -> dict[tuple[int, str], _Shaped]:
 
 
 def _shape(
-    job: Job, trajectory: Trajectory, segment: Segment, stage: Stage, dynamics: Dynamics
+    job: Job,
+    trajectory: Trajectory,
+    transfer: tuple[Segment, Stage, JointLimits],
+    dynamics: Dynamics,
 ) -> Trajectory | None:
     """Reshape a transfer that is beyond its torques; None if it is not, or cannot be.
 
     The platform keeps its time in the stage.
     """
-    robot = job.cell.robot
+    robot, (segment, stage, limits) = job.cell.robot, transfer
     columns = robot.columns(robot.arm(segment.arm).joints)
     _, _, (q, v, a) = sampled_motion(trajectory, segment.start, segment.end)
     at_rest, moving, viscous = dynamics.torques(q, v, a)
@@ -150,7 +155,7 @@ def _shape(
     moves = np.abs(v[:, robot.columns(robot.platform)]).max(initial=0.0) > SETTINGS.at_rest
     beside = partial(_beside, trajectory, segment.start, stage.end) if moves else None
     ends = TransferEnds(start, end, duration, q.min(axis=0), q.max(axis=0), beside)
-    return transfer_within_torques(dynamics, columns, ends, job.limits)
+    return transfer_within_torques(dynamics, columns, ends, limits)
 
 
 def _beside(trajectory: Trajectory, start: float, end: float, time: FloatArray) -> State:

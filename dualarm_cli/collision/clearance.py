@@ -5,7 +5,7 @@ Held objects are numbers of `Loads`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -17,13 +17,15 @@ from dualarm_cli.collision.scenes import ArmScene, Scene
 from dualarm_cli.collision.solids import Pair
 from dualarm_cli.compiled.pair_margins import Scenes
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
-from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.lying import may_touch
 from dualarm_cli.records import dataclass
 
 SLACK = 0.002
 """Additional clearance of stops, for nearby lines and motions [m]."""
+LEVER = 0.3
+"""Length with which the lack of an angle counts as a lack of clearance [m]."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,8 @@ class CellClearance:
     """Rooms of parts that wait or lie."""
     scenes: tuple[Scene, ...] = ({},)
     """Parts that lie in each scene; without others, the first scene is empty."""
+    upright: Mapping[tuple[str, str], tuple[FloatArray, float]] = field(default_factory=dict)
+    """Vertical tool axis and its largest angle [rad], by arm and name of its load."""
     listed: dict[tuple[int, str, bool, bool], tuple[PairGroup, Scenes]] = field(
         default_factory=dict, compare=False
     )
@@ -167,7 +171,14 @@ class CellClearance:
     @classmethod
     def of_job(cls, job: Job) -> CellClearance:
         """Prepare the test of a job's cell, with all its parts and their rooms."""
-        return cls.of(job.cell, job.carried(), job.skew, rooms_of(job))
+        upright = {
+            (arm.name, Held(task.tool, task.part).name): (np.array(task.upright), task.tilt)
+            for task in job.tasks
+            for arm in job.cell.robot.arms
+            if task.tilt < np.inf and task.upright is not None and task.allows(arm.name)
+        }
+        clearance = cls.of(job.cell, job.carried(), job.skew, rooms_of(job))
+        return replace(clearance, upright=upright)
 
     def in_scenes(self, scenes: tuple[Scene, ...]) -> CellClearance:
         """Return the same test with given scenes."""
@@ -217,7 +228,32 @@ class CellClearance:
                 margins[rows] = np.where(
                     overlap < 0.0, np.minimum(margins[rows], overlap), margins[rows]
                 )
+        if self.upright:
+            margins = np.minimum(margins, LEVER * self.spare_tilt(a, position, held))
         return margins
+
+    def spare_tilt(self, a: int, position: FloatArray, held: IntArray) -> FloatArray:
+        """Compute how much further an arm's load may lean [rad], shape (n,); infinite without a limit.
+
+        The arguments are those of `arm_margins`.
+        """
+        spare = np.full(len(position), np.inf)
+        plain = self.loads.off_lines(held)
+        for number in distinct(plain).tolist():
+            key = self.arms[a], self.loads.load(number).name
+            if key in self.upright:
+                rows, (axis, tilt) = np.flatnonzero(plain == number), self.upright[key]
+                spare[rows] = tilt - self.test.leaning(key[0], axis, position[rows])
+        return spare
+
+    def least_spare_tilt(self, position: FloatArray, held: IntArray) -> tuple[str, float]:
+        """Find the arm whose load may lean least beyond one posture, and that angle [rad].
+
+        The arguments are those of `cross_margins`, one row each.
+        """
+        spare = [self.spare_tilt(a, position, held[:, a])[0] for a in range(len(self.arms))]
+        least = int(np.argmin(spare))
+        return self.arms[least], float(spare[least])
 
     def _margins(
         self, a: int, load: Load, position: FloatArray, scene: IntArray, *, touching: bool = False

@@ -25,7 +25,8 @@ from dualarm_cli.collision.solids import (
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.compiled.pair_margins import Scenes, pair_margins
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.geometry.products import product
+from dualarm_cli.geometry.elementary import arctan2
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.lying import Visit
@@ -294,6 +295,22 @@ class QuickTest:
             least = min(at_end, 0.0) - OVERLAP
             self._needed[key] = pair.required if at_end - pair.required >= QUICK.apart else least
         return self._needed[key]
+
+    def leaning(self, arm: str, axis: FloatArray, position: FloatArray) -> FloatArray:
+        """Compute the angles of a tool axis from the vertical [rad], shape (n,).
+
+        Args:
+            arm: name of the arm.
+            axis: unit vector in the tool's frame, shape (3,).
+            position: all joints of the robot [rad], shape (n, columns).
+        """
+        flange = self._flanges[arm]
+        R_joint_tool = product(flange.placement.rotation, self._cell.tools[arm].tcp.rotation)
+        along_joint = product(self._tree.R_joint_own[flange.parentJoint].T, R_joint_tool, axis)
+        R, _ = self._tree.frames(position, {flange.parentJoint})[flange.parentJoint]
+        along = product(np.moveaxis(R, -1, 0), along_joint)
+        up = self._cell.base.rotation[2]
+        return arctan2(norm(np.cross(up, along), axis=1), product(along, up))
 
     def margins(
         self, group: PairGroup, position: FloatArray, scenes: tuple[Scenes, IntArray] | None = None

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pinocchio as pin
 
-from dualarm_cli.model.part_flow import Conveyor, Grasp, Pattern, PoseRange, part_as_held
+from dualarm_cli.model.part_flow import Care, Conveyor, Grasp, Pattern, PoseRange, part_as_held
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
@@ -124,6 +124,8 @@ class Cell:
     """Mass, centre and rotational inertia of each kind of part, in the frame of its solids."""
     grasps: Mapping[str, Mapping[str, Grasp]] = field(default_factory=dict)
     """Grasps of parts by name; parts without any are missing."""
+    care: Mapping[str, Care] = field(default_factory=dict)
+    """Limits of the motion while a part is held, by part; parts without any are missing."""
     torque: TorqueRule = "limited"
     """Rule for joint torques."""
     patterns: Mapping[str, Pattern] = field(default_factory=dict)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
 from typing import Literal
@@ -14,11 +14,11 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.budget import Budget, TimeRange
 from dualarm_cli.model.cell import Cell, Held
-from dualarm_cli.model.part_flow import Buffer, Grasp, Handover, OnBelt, PoseRange
+from dualarm_cli.model.part_flow import NO_CARE, Buffer, Care, Grasp, Handover, OnBelt, PoseRange
 from dualarm_cli.model.place import NOWHERE, Place, tasks_name
 from dualarm_cli.model.process_work import PathWork, SeamWork
-from dualarm_cli.model.robot import JointLimits, Robot
-from dualarm_cli.model.side_by_side import side_by_side
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.side_by_side import section_stages
 from dualarm_cli.records import ShownInNotebooks, dataclass
 from dualarm_cli.refusals import Refusal
 
@@ -217,6 +217,34 @@ class Task:
     """Grasp of its part at pick and place, or None."""
     grasps: tuple[Task, ...] = ()
     """Task with each of its grasps, itself first, if the planner chooses; else empty."""
+    care: Care = NO_CARE
+    """Limits of the arm's motion throughout the task."""
+    holding: Care = NO_CARE
+    """Limits of the arm's motion while it holds the part."""
+
+    def care_before(self, action: str) -> Care:
+        """Return the limits of the transfer to a stop and of its approach."""
+        return self.care.stricter(self.holding) if action in GIVES else self.care
+
+    def care_after(self, action: str) -> Care:
+        """Return the limits of the retract from a stop."""
+        return self.care.stricter(self.holding) if action in TAKES else self.care
+
+    @property
+    def tilt(self) -> float:
+        """Largest angle by which its part may lean while it is held [rad]."""
+        return min(self.care.tilt, self.holding.tilt)
+
+    @property
+    def upright(self) -> tuple[float, float, float] | None:
+        """Vertical at the pick in the fixed tool's frame; None without a picked pose."""
+        stop = self.stops[0]
+        if stop.action == "take" and self.handover is not None:
+            return self.handover.upright
+        if stop.action != "pick" or not isinstance(stop.target, PoseTarget):
+            return None
+        x, y, z = stop.target.pose.rotation[2].tolist()
+        return x, y, z
 
     def by_grasp(self, task: Task) -> Task:
         """Replace grasp, part and stops by those of one of `grasps`; nothing stays open."""
@@ -342,6 +370,11 @@ class Job(ShownInNotebooks):
         return replace(self, tasks=tuple(map(decided, self.tasks)))
 
     @property
+    def slows(self) -> bool:
+        """Whether any task or held part slows the motion."""
+        return any(task.care.slows or task.holding.slows for task in self.tasks)
+
+    @property
     def start_posture(self) -> str:
         """Name of the start posture; home for a free start."""
         return "home" if self.start == "free" else self.start
@@ -454,40 +487,12 @@ class Job(ShownInNotebooks):
             return [{key[0]: stops[key] for key in stage} for stage in self.pairing]
         stages: list[dict[str, tuple[Task, Stop]]] = []
         for section in self.sections():
-            section_stages, deadlocked = _section_stages(section, self.cell.robot)
+            of_section, deadlocked = section_stages(section, self.cell.robot)
             if deadlocked:
                 tasks = [task for task, _ in deadlocked]
                 names = list(dict.fromkeys(task.id for task in tasks))
                 first = next(task for task in tasks if task.after)
                 data = {"names": names, "tasks": tasks}
                 raise InfeasibleError(Refusal("waits_forever", first.place, first.id, data=data))
-            stages += section_stages
+            stages += of_section
         return stages
-
-
-def _section_stages(
-    section: Sequence[Task], robot: Robot
-) -> tuple[list[dict[str, tuple[Task, Stop]]], list[tuple[Task, Stop]]]:
-    """Group the stops of one section into stages; return also the deadlocked stops."""
-    ids = {task.id for task in section}
-    rows = {
-        arm.name: [(task, stop) for task in section if task.arm == arm.name for stop in task.stops]
-        for arm in robot.arms
-    }
-
-    def needs(visit: tuple[Task, Stop]) -> Sequence[str]:
-        # Other sections are finished before this one begins, or begin after its end.
-        task, stop = visit
-        return [name for name in task.after if name in ids] if stop is task.stops[0] else ()
-
-    def ends(visit: tuple[Task, Stop]) -> str:
-        # A hand-over is finished when the part is placed.
-        task, stop = visit
-        return task.id if stop is task.stops[-1] and stop.action != "give" else ""
-
-    return side_by_side(
-        {name: row for name, row in rows.items() if row},
-        lambda visit: visit[1].action in ("give", "take"),
-        needs,
-        ends,
-    )

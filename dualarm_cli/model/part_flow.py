@@ -1,7 +1,8 @@
-"""Flow of parts: patterns of places, poses that vary, conveyors, buffers, hand-overs."""
+"""Flow of parts: patterns of places, poses that vary, conveyors, buffers, hand-overs, care."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
@@ -176,6 +177,8 @@ class Handover:
     """Taking tool centre point in the frame of the giving one."""
     place: Place = NOWHERE
     """Place of the hand-over in its file."""
+    upright: tuple[float, float, float] | None = None
+    """Vertical at the pick in the taking tool's frame; None without a picked pose."""
 
 
 @dataclass(frozen=True)
@@ -202,6 +205,38 @@ class Grasp:
         """Whether the tool's z axis is that of the part, up to its direction."""
         offsets = (*self.pose.rotation[:2, 2], *self.pose.translation[:2])
         return all(abs(offset) <= ON_AXIS for offset in offsets)
+
+
+@dataclass(frozen=True)
+class Care:
+    """Limits of an arm's motion during a task, or while it holds a part."""
+
+    speed: float = 1.0
+    """Fraction of the speed of joints; their times become 1/speed times as long."""
+    acceleration: float = 1.0
+    """Fraction of the accelerations of joints at that speed."""
+    tool_speed: float = math.inf
+    """Largest speed of the tool centre point in the world [m/s]."""
+    tilt: float = math.inf
+    """Largest angle between the vertical and the part's axis that was vertical [rad]."""
+
+    def stricter(self, care: Care) -> Care:
+        """Take the lower one of each limit."""
+        return Care(
+            min(self.speed, care.speed),
+            min(self.acceleration, care.acceleration),
+            min(self.tool_speed, care.tool_speed),
+            min(self.tilt, care.tilt),
+        )
+
+    @property
+    def slows(self) -> bool:
+        """Whether motions take longer."""
+        return self.speed < 1.0 or self.acceleration < 1.0 or self.tool_speed < math.inf
+
+
+NO_CARE = Care()
+"""No limits beyond those of the job."""
 
 
 def part_as_held(part: str, how: str) -> str:

@@ -7,7 +7,7 @@ for prismatic joints.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Literal
 from xml.etree import ElementTree
@@ -77,21 +77,30 @@ class JointLimits:
         sources = [(jerk or both) if rate == "jerk" else both for both, _, jerk in parts]
         return [k for k, source in enumerate(sources) if source == "assumed"]
 
-    def scaled(self, speed: float) -> JointLimits:
+    def scaled(
+        self, speed: float | FloatArray, acceleration: float | FloatArray = 1.0
+    ) -> JointLimits:
         """Scale the limits: motions along the same path take 1/speed times as long.
 
         Args:
-            speed: fraction of full speed, above 0.
+            speed: fraction of full speed, above 0; of all joints, or of each (n,).
+            acceleration: fraction of the accelerations at that speed, likewise.
         """
         return JointLimits(
             self.joints,
             self.lower,
             self.upper,
             self.velocity * speed,
-            self.acceleration * np.square(speed),
+            self.acceleration * np.square(speed) * acceleration,
             self.jerk * cube(speed),
             self.source,
         )
+
+    def stricter(self, limits: JointLimits) -> JointLimits:
+        """Take the lower rates of two limits of the same joints."""
+        names = ("velocity", "acceleration", "jerk")
+        rates = {name: np.minimum(getattr(self, name), getattr(limits, name)) for name in names}
+        return replace(self, **rates)
 
     @cached_property
     def law(self) -> RestToRest:

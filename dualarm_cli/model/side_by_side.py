@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from dualarm_cli.model.job import Stop, Task
+    from dualarm_cli.model.robot import Robot
 
 T = TypeVar("T")
 
@@ -40,3 +44,31 @@ def side_by_side(
         over.update(ends(item) for item in now.values())
         for name in now:
             place[name] += 1
+
+
+def section_stages(
+    section: Sequence[Task], robot: Robot
+) -> tuple[list[dict[str, tuple[Task, Stop]]], list[tuple[Task, Stop]]]:
+    """Group the stops of one section into stages; return also the deadlocked stops."""
+    ids = {task.id for task in section}
+    rows = {
+        arm.name: [(task, stop) for task in section if task.arm == arm.name for stop in task.stops]
+        for arm in robot.arms
+    }
+
+    def needs(visit: tuple[Task, Stop]) -> Sequence[str]:
+        # Other sections are finished before this one begins, or begin after its end.
+        task, stop = visit
+        return [name for name in task.after if name in ids] if stop is task.stops[0] else ()
+
+    def ends(visit: tuple[Task, Stop]) -> str:
+        # A hand-over is finished when the part is placed.
+        task, stop = visit
+        return task.id if stop is task.stops[-1] and stop.action != "give" else ""
+
+    return side_by_side(
+        {name: row for name, row in rows.items() if row},
+        lambda visit: visit[1].action in ("give", "take"),
+        needs,
+        ends,
+    )

@@ -23,7 +23,13 @@ from dualarm_cli.motion.stop_motion import (
     timed_line,
     transfers_in_motion,
 )
-from dualarm_cli.motion.transfers import PLATFORM, Drive, Key, time_transfers, tool_speed_of
+from dualarm_cli.motion.transfers import (
+    PLATFORM,
+    Drive,
+    Key,
+    time_transfers,
+    within_tool_speed,
+)
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import Launch
@@ -142,7 +148,7 @@ def platform_time(drive: Drive, before: StagePlan | None, plan: StagePlan) -> fl
     index = drive.columns.get(PLATFORM)
     if index is None:
         return 0.0
-    limits = drive.group_limits[PLATFORM]
+    limits = drive.to(plan).group_limits[PLATFORM]
     start, goal = plan.start[index], plan.arrival[index]
     at_rest = np.zeros((2, len(index)))
     leaving = at_rest if before is None else before.through.get(PLATFORM, at_rest)
@@ -189,9 +195,12 @@ def _blends(
     soon as no pair is faster than stopping at both.
     """
     arm = drive.model.arms[name]
-    index, limits = arm.columns, drive.group_limits[name]
+    index, limits = arm.columns, drive.to(plan).group_limits[name]
     start, goal = plan.start[index], plan.arrival[index]
     retract, approach = adjacent_passings(drive, before, plan, name)
+    slower = retract.within(limits)
+    # The refinement includes the limits of the line alone.
+    retract, widths = slower, widths if slower is retract else 0
     platform = max(platform, _giver_time(drive, plan, name))
     if len(retract.launches) == len(approach.launches) == 1 or np.array_equal(start, goal):
         return
@@ -213,17 +222,18 @@ def _giver_time(drive: Drive, plan: StagePlan, name: str) -> float:
     if pair is None or pair[1].arm != name:
         return 0.0
     index = drive.columns[pair[0].arm]
-    limits = drive.group_limits[pair[0].arm]
+    limits = drive.to(plan).group_limits[pair[0].arm]
     law = limits.law
     return float(law.duration(plan.arrival[index] - plan.start[index]))
 
 
 def passings_of(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Passings:
     """Compute the launches at the outer end of a stop's `approach` or `retract`."""
-    limits = drive.group_limits[arm_stop.arm]
+    drive = drive.along(arm_stop, line)
+    limits, cap = drive.group_limits[arm_stop.arm], drive.caps.get(arm_stop.arm)
     q, length = joints_along(drive, plan, arm_stop, line)
     away = line == "retract"
-    problem = LineProblem(limits.joints, q if away else q[::-1], length, limits, drive.cap)
+    problem = LineProblem(limits.joints, q if away else q[::-1], length, limits, cap)
     at_rest = timed_line(drive, replace(plan, passes={}), arm_stop, line).duration
     return Passings.along(problem, at_rest, away=away)
 
@@ -273,11 +283,11 @@ def _is_feasible(
     if approach is not None:
         plan = _with_pass(plan, name, "approach", approach)
     try:
-        rates = rates_between(drive, before, plan)
-        if drive.cap is None and not plan.through and giver_and_taker(plan.stops) is None:
+        rates, drive = rates_between(drive, before, plan), drive.to(plan)
+        if not drive.caps and not plan.through and giver_and_taker(plan.stops) is None:
             time_transfers(drive, plan, rates, resting=False)
             return True
         transfers = transfers_in_motion(drive, plan, rates)
     except InfeasibleError:
         return False
-    return drive.cap is None or tool_speed_of(drive, plan, transfers) <= drive.cap
+    return within_tool_speed(drive, plan, transfers)

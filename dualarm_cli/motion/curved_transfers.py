@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -212,7 +212,7 @@ def detour_pieces(
     Raises:
         InfeasibleError: the platform alone moves the tool faster than its limit.
     """
-    detour, index = plan.detours[name], drive.columns[name]
+    detour, index, drive = plan.detours[name], drive.columns[name], drive.to(plan)
     joints = drive.joints(name)
     if not detour.stops:
         points = curve(plan.start[index], detour.points, plan.arrival[index], CURVES.curve_points)
@@ -225,7 +225,7 @@ def detour_pieces(
             q[:, index] = piece.clamped(time)[0]
             return q
 
-        return [_along(drive, [name], joints, points, position_at)]
+        return [_along(drive, name, joints, points, position_at)]
     between = np.array(plan.start)
     between[index] = detour.points[0]
     goal = np.array(plan.start)
@@ -252,7 +252,7 @@ def moving_detour(drive: Drive, plan: StagePlan, name: str, least: float) -> lis
     """
     detour, index = plan.detours[name], drive.columns[name]
     assert detour.rates is not None
-    limits = drive.limits.select(drive.joints(name))
+    limits = drive.to(plan).group_limits[name]
     ends = plan.start[index], detour.points[0], plan.arrival[index]
     legs: list[Trajectory] = []
     for k, (start, goal) in enumerate(pairwise(ends)):
@@ -269,7 +269,7 @@ def moving_detour(drive: Drive, plan: StagePlan, name: str, least: float) -> lis
 
 def _along(
     drive: Drive,
-    arms: Sequence[str],
+    arm: str,
     joints: tuple[str, ...],
     points: FloatArray,
     position_at: Callable[[Trajectory, FloatArray], FloatArray],
@@ -278,7 +278,7 @@ def _along(
 
     Args:
         drive: of the job.
-        arms: names of the arms whose tools are limited.
+        arm: the arm, whose tool may be limited.
         joints: names of the joints that move along the curve.
         points: points of the curve [rad], shape (m, n).
         position_at: all joints (m, columns) [rad] with a motion along the curve at instants (m,) [s].
@@ -287,7 +287,7 @@ def _along(
         InfeasibleError: a tool exceeds its limit at any speed along the curve.
     """
     progress, limits = np.linspace(0.0, 1.0, len(points)), drive.limits.select(joints)
-    cap = drive.cap
+    caps = {arm: drive.caps[arm]} if arm in drive.caps else {}
 
     def timed(factor: float) -> Trajectory:
         slower = replace(limits, velocity=limits.velocity * factor)
@@ -295,15 +295,15 @@ def _along(
             LineProblem(joints, points, progress, slower, None, CURVES.curve_knots)
         )
 
-    if cap is None:
+    if not caps:
         return timed(1.0)
 
     def speed(piece: Trajectory) -> float:
         return largest_tool_speed(
-            drive.model, arms, lambda time: position_at(piece, time), piece.duration
+            drive.model, caps, lambda time: position_at(piece, time), piece.duration
         )
 
-    motion = slowed(timed, speed, cap)
+    motion = slowed(timed, speed, caps)
     if motion is None:
-        raise InfeasibleError(Refusal("detour_too_fast", allowed=cap))
+        raise InfeasibleError(Refusal("detour_too_fast", allowed=caps[arm]))
     return motion

@@ -59,7 +59,7 @@ def moving_detours(
     for k, plan in enumerate(plans):
         before = plans[k - 1] if k else None
         for name in plan.detours:
-            if drive.cap is None and (k, name) not in stopping and name not in plan.waits:
+            if not drive.to(plan).caps and (k, name) not in stopping and name not in plan.waits:
                 candidates = _arm_detours(drive, before, plan, name)
                 if candidates:
                     detours[k, name] = candidates
@@ -91,7 +91,8 @@ def _arm_detours(
     retract, approach = adjacent_passings(drive, before, plan, name)
     if len(retract.launches) == len(approach.launches) == 1:
         return []
-    platform = time_transfers(drive, plan, rates_between(drive, before, plan)).motion.get(PLATFORM)
+    retract, under = retract.within(drive.to(plan).group_limits[name]), drive.to(plan)
+    platform = time_transfers(under, plan, rates_between(drive, before, plan)).motion.get(PLATFORM)
     pieces = detour_pieces(drive, plan, name, platform)
     least = platform.duration if platform is not None and plan.stops else 0.0
     at_rest = max(sum(piece.duration for piece in pieces), least)
@@ -142,7 +143,7 @@ def _quickest(
         least: minimum duration of the detour [s].
     """
     index, (via, rates), at_via = drive.columns[name], state, Passings.only(state[1])
-    limits = drive.limits.select(drive.joints(name))
+    limits = drive.to(plan).group_limits[name]
     retract, approach = lines
     to_via = TransferProblem(limits.joints, plan.start[index], via, limits)
     at_rest = MovingTransfer(to_via).duration(retract.rates[0], rates)

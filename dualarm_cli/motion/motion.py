@@ -250,14 +250,14 @@ def realise(
 
 def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Transfers:
     """Time the transfers of a stage, in motion next to blended lines."""
-    rates = rates_between(drive, before, plan)
+    rates, drive = rates_between(drive, before, plan), drive.to(plan)
     if plan.through or giver_and_taker(plan.stops) is not None:
         return transfers_in_motion(drive, plan, rates)
     passed = (
         (name, *(None if rate is None else rate.tobytes() for rate in pair))
         for name, pair in rates.items()
     )
-    key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes(), *passed)
+    key: Key = (drive.care, *plan.stops, plan.start.tobytes(), plan.arrival.tobytes(), *passed)
     if key not in drive.cache.transfers:
         drive.cache.transfers[key] = transfers_within_tool_speed(drive, plan, rates)
     return drive.cache.transfers[key]

@@ -20,7 +20,7 @@ from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.motion.blending import MIN_GAIN, platform_time, waits_for_time
 from dualarm_cli.motion.stop_motion import rates_between, transfers_in_motion
-from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
+from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, within_tool_speed
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.problem import TransferProblem
@@ -115,7 +115,8 @@ class _Corner:
         """
         drive, plan, after = self.drive, self.plan, self.after
         index = [column for group in groups for column in drive.columns[group]]
-        limits = drive.limits.select([name for group in groups for name in drive.joints(group)])
+        both = drive.to(plan).limits.stricter(drive.to(after).limits)
+        limits = both.select([name for group in groups for name in drive.joints(group)])
         law = limits.law
         least = [0.0, 0.0]
         if PLATFORM not in groups:
@@ -166,15 +167,13 @@ class _Corner:
         drive = self.drive
         plan, after = _passed(drive, self.plan, self.after, passing)
         try:
-            for stage, transfers in (
-                (plan, transfers_in_motion(drive, plan, rates_between(drive, self.before, plan))),
-                (after, time_transfers(drive, after, rates_between(drive, plan, after))),
-            ):
-                if drive.cap is not None and tool_speed_of(drive, stage, transfers) > drive.cap:
-                    return False
+            rates = rates_between(drive, self.before, plan), rates_between(drive, plan, after)
+            here, then = drive.to(plan), drive.to(after)
+            return within_tool_speed(
+                here, plan, transfers_in_motion(here, plan, rates[0])
+            ) and within_tool_speed(then, after, time_transfers(then, after, rates[1]))
         except InfeasibleError:
             return False
-        return True
 
     def _beside(
         self, groups: Sequence[str], cut: float, progress: float

@@ -140,11 +140,12 @@ def solve_line(
         InfeasibleError: the tool leaves the tolerance with any number of knots.
     """
     (q, length), away = path, line == "retract"
-    limits = drive.group_limits[arm_stop.arm]
+    drive = drive.along(arm_stop, line)
+    limits, cap = drive.group_limits[arm_stop.arm], drive.caps.get(arm_stop.arm)
     # A launch is given from the target outwards.
     along = q if away or launch is None else q[::-1]
     for knots in LINE.knots:
-        problem = LineProblem(limits.joints, along, length, limits, drive.cap, knots)
+        problem = LineProblem(limits.joints, along, length, limits, cap, knots)
         if launch is None:
             trajectory = drive.timing.line(problem)
         else:
@@ -322,6 +323,7 @@ def transfers_in_motion(drive: Drive, plan: StagePlan, rates: Rates) -> Transfer
     An arm that passes its target arrives at the stage's end. A taking arm that arrives in motion arrives when the
     giving arm is ready.
     """
+    drive = drive.to(plan)
     transfers = transfers_within_tool_speed(drive, plan, rates)
     minimum: dict[str, float] = {}
     times = {name: motion.duration for name, motion in transfers.motion.items()}

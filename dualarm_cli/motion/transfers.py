@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import field, replace
 from functools import cached_property
 from typing import TypeVar
@@ -18,7 +18,9 @@ from dualarm_cli.model.rest_to_rest import rest_to_rest_duration
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import TOOL_SPEED
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.care import MotionLimits
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
@@ -69,8 +71,8 @@ class Transfers:
     """Minimum time of each joint alone [s]."""
     slowest: Mapping[str, str]
     """Slowest joint of each group; empty if nothing moves."""
-    capped: bool = False
-    """Whether all groups were slowed to keep the limit of tool speed."""
+    capped: frozenset[str] = frozenset()
+    """Groups that were slowed to keep limits of tool speed."""
 
     def bottleneck(self, arm: str) -> str:
         """Name the joint that delays an arm's line, TOOL_SPEED if capped.
@@ -81,7 +83,7 @@ class Transfers:
         slowest = max(groups, key=lambda g: self.times[g])
         if not self.times[slowest] > 0:
             return ""
-        return TOOL_SPEED if self.capped else self.slowest[slowest]
+        return TOOL_SPEED if slowest in self.capped else self.slowest[slowest]
 
 
 Key = tuple[Hashable, ...]
@@ -110,14 +112,18 @@ class Drive:
     """Cell of the job."""
     columns: Mapping[str, list[int]]
     """Columns of each joint group within the limits' joints."""
+    job: Job
+    """Job with its limits, tasks and parts."""
     limits: JointLimits
-    """Limits of all joints, at the job's fraction of full speed."""
+    """Limits of all joints: of the job, or of one stage or line."""
     timing: TimingSolver
     """Solver for transfers, lines and curves."""
-    cap: float | None
-    """Speed limit of all tool centre points in the world [m/s], or None."""
+    caps: Mapping[str, float]
+    """Speed limits of tool centre points [m/s], by arm; arms without one are missing."""
     cache: MotionCache = field(default_factory=MotionCache)
     """Motions that were timed so far."""
+    care: Key = ()
+    """Care that `limits` and `caps` include, see `MotionLimits`."""
 
     @staticmethod
     def of(
@@ -128,7 +134,26 @@ class Drive:
         columns = {PLATFORM: model.platform_columns} if robot.platform else {}
         columns |= {name: arm.columns for name, arm in model.arms.items()}
         cache = MotionCache() if cache is None else cache
-        return Drive(model, columns, job.limits, timing, job.tool_speed, cache)
+        limits = MotionLimits.of(job)
+        return Drive(model, columns, job, limits.joints, timing, limits.caps, cache)
+
+    def to(self, plan: StagePlan) -> Drive:
+        """Return the drive under the limits of a stage's transfers."""
+        if not plan.stops or not self.job.slows:
+            return self
+        keys = ((arm, s.task.id, s.stop.action) for arm, s in plan.stops.items())
+        return self._under(MotionLimits.of_stage(self.job, frozenset(keys)))
+
+    def along(self, arm_stop: ArmStop, line: str) -> Drive:
+        """Return the drive under the limits of a stop's `approach` or `retract`."""
+        task, action = arm_stop.task, arm_stop.stop.action
+        care = task.care_before(action) if line == "approach" else task.care_after(action)
+        return self._under(MotionLimits.of(self.job, {arm_stop.arm: care} if care.slows else {}))
+
+    def _under(self, limits: MotionLimits) -> Drive:
+        if limits.care == self.care:
+            return self
+        return replace(self, limits=limits.joints, caps=limits.caps, care=limits.care)
 
     @cached_property
     def group_limits(self) -> Mapping[str, JointLimits]:
@@ -227,7 +252,7 @@ def time_transfers(
 def _moving(drive: Drive, group: str, problem: TransferProblem) -> Trajectory | None:
     """Time a group's transfer that begins or ends in motion; None if infeasible."""
     ends = (problem.start, problem.goal, *problem.rates())
-    key: Key = (group, problem.minimum_duration, *(end.tobytes() for end in ends))
+    key: Key = (group, drive.care, problem.minimum_duration, *(end.tobytes() for end in ends))
     if key not in drive.cache.moving:
         drive.cache.moving[key] = solve_moving_transfer(problem)
     return drive.cache.moving[key]
@@ -274,9 +299,9 @@ def transfers_within_tool_speed(
 ) -> Transfers:
     """Time the transfers, slowed until no tool exceeds its speed limit.
 
-    All joint velocity limits are reduced by one factor. Acceleration and jerk limits stay, so that tools reach the
-    limit as fast as before. A transfer that begins or ends in motion cannot be slowed: its caller checks the speed
-    (`tool_speed_of`).
+    The velocity limits of the platform and of arms with such a limit are reduced by one factor. Acceleration and jerk
+    limits stay, so that tools reach the limit as fast as before. A transfer that begins or ends in motion cannot be
+    slowed: its caller checks the speed (`within_tool_speed`).
 
     Args:
         drive: of the job.
@@ -285,28 +310,31 @@ def transfers_within_tool_speed(
         minimum: minimum durations of their transfers [s].
     """
     transfers = time_transfers(drive, plan, rates, minimum)
-    cap, limits = drive.cap, drive.limits
-    if cap is None or not transfers.motion or rates:
+    limits, capped = drive.limits, frozenset({*drive.caps, PLATFORM})
+    if not drive.caps or not transfers.motion or rates:
         return transfers
+    columns = [i for g in capped for i in drive.columns.get(g, [])]
 
     def slower(factor: float) -> Transfers:
         if factor == 1.0:
             return transfers
-        slow = replace(limits, velocity=limits.velocity * factor)
+        velocity = limits.velocity.copy()
+        velocity[columns] *= factor
+        slow = replace(limits, velocity=velocity)
         return time_transfers(replace(drive, limits=slow, cache=MotionCache()), plan)
 
-    best = slowed(slower, lambda candidate: tool_speed_of(drive, plan, candidate), cap)
+    best = slowed(slower, lambda candidate: tool_speed_of(drive, plan, candidate), drive.caps)
     if best is None:
-        details = {"slowest": MAX_SLOWDOWN}
+        details, cap = {"slowest": MAX_SLOWDOWN}, min(drive.caps.values())
         raise InfeasibleError(Refusal("tool_speed_too_low", allowed=cap, data=details))
-    return best if best is transfers else replace(best, capped=True)
+    return best if best is transfers else replace(best, capped=capped)
 
 
 def tool_speed_of(drive: Drive, plan: StagePlan, transfers: Transfers) -> float:
-    """Compute the largest speed of a tool in a stage's transfers [m/s]."""
+    """Compute the largest speed of a tool with a limit in a stage's transfers, see `largest_tool_speed`."""
     return largest_tool_speed(
         drive.model,
-        list(drive.model.arms),
+        drive.caps,
         lambda time: _positions(plan, drive.columns, transfers, time),
         max(t.duration for t in transfers.motion.values()),
     )
@@ -315,7 +343,15 @@ def tool_speed_of(drive: Drive, plan: StagePlan, transfers: Transfers) -> float:
 T = TypeVar("T")
 
 
-def slowed(make: Callable[[float], T], speed: Callable[[T], float], cap: float) -> T | None:
+def within_tool_speed(drive: Drive, plan: StagePlan, transfers: Transfers) -> bool:
+    """Check whether the tools keep their speed limits in a stage's transfers."""
+    caps = drive.caps
+    return not caps or tool_speed_of(drive, plan, transfers) <= min(caps.values())
+
+
+def slowed(
+    make: Callable[[float], T], speed: Callable[[T], float], caps: Mapping[str, float]
+) -> T | None:
     """Find the fastest motion whose tools keep a speed limit, or None.
 
     Where velocity limits decide, speed is proportional to them, so that the next factor follows from the last speed.
@@ -323,10 +359,10 @@ def slowed(make: Callable[[float], T], speed: Callable[[T], float], cap: float) 
 
     Args:
         make: motion with all velocity limits times a factor; 1 is tried first.
-        speed: largest speed of a tool in a motion [m/s].
-        cap: speed limit [m/s]; SPEED_MARGIN of it is kept free.
+        speed: largest speed of a tool in a motion, see `largest_tool_speed` [m/s].
+        caps: speed limit by arm [m/s]; SPEED_MARGIN of the least one is kept free.
     """
-    allowed = cap * (1.0 - SPEED_MARGIN)
+    allowed = min(caps.values()) * (1.0 - SPEED_MARGIN)
     best, low, high, factor = None, 0.0, 1.0, 1.0
     for k in range(SPEED.speed_tries):
         motion = make(factor)
@@ -347,26 +383,29 @@ def slowed(make: Callable[[float], T], speed: Callable[[T], float], cap: float) 
 
 def largest_tool_speed(
     model: CellModel,
-    arms: Sequence[str],
+    caps: Mapping[str, float],
     position_at: Callable[[FloatArray], FloatArray],
     duration: float,
 ) -> float:
     """Measure the largest speed of the arms' tool centre points [m/s].
 
-    Instants are `speed_sample` apart: first every `coarse`-th one, then those next to fast ones.
+    Speeds of arms with a higher limit than the least one are reduced in proportion. Instants are `speed_sample` apart:
+    first every `coarse`-th one, then those next to fast ones.
 
     Args:
         model: the cell.
-        arms: names of the arms.
+        caps: speed limit by arm [m/s].
         position_at: all joints (m, n) [rad] at instants (m,) [s].
         duration: duration of the motion [s].
     """
+    arms, limits = list(caps), np.array(list(caps.values()))
+    scale = (limits.min() / limits)[:, None]
 
     def speeds(time: FloatArray) -> FloatArray:
         both = position_at(np.concatenate([time - SPEED.speed_step, time + SPEED.speed_step]))
         tip = model.tool_positions(arms, both)
         displacement = tip[:, len(time) :] - tip[:, : len(time)]
-        largest: FloatArray = norm(displacement, axis=-1).max(axis=0)
+        largest: FloatArray = (scale * norm(displacement, axis=-1)).max(axis=0)
         return largest / (2.0 * SPEED.speed_step)
 
     coarse = np.arange(0.0, duration + SPEED.speed_sample, SPEED.coarse * SPEED.speed_sample)
@@ -377,6 +416,29 @@ def largest_tool_speed(
     )
     between = distinct((fast[:, None] + steps).round(9))
     return max(float(measured.max()), float(speeds(between).max(initial=0.0)))
+
+
+def keeps_tool_speed(
+    model: CellModel, caps: Mapping[str, float], motion: Motion, stage: int = 0
+) -> bool:
+    """Check the speed limits of tools until they reach their targets of a stage.
+
+    Args:
+        model: the cell.
+        caps: speed limit by arm [m/s].
+        motion: the motion.
+        stage: index of the stage in it.
+    """
+    span, whole = motion.stages[stage], motion.trajectory
+    for arm, cap in caps.items():
+        event = motion.event_of.get((stage, arm))
+        length = (span.end if event is None else event.time) - span.start
+        fastest = largest_tool_speed(
+            model, {arm: cap}, lambda time: whole.clamped(span.start + time)[0], length
+        )
+        if fastest > cap:
+            return False
+    return True
 
 
 def _positions(

@@ -94,11 +94,16 @@ def stage_table(report: dict[str, Any], shown: Sequence[int] | None = None) -> T
             f"{stage['start']:.3f}",
             f"{stage['duration']:.3f}",
             *(f"{times[k]:.3f}" for times in moving.values()),
-            stage["bottleneck"] or NOTHING,
+            " ".join(filter(None, [stage["bottleneck"], escape(_in_brackets(stage["care"]))]))
+            or NOTHING,
             *([stage["platform_solver"]] if len(set(methods)) > 1 else []),
             *([places[k]] if turning else []),
         )
     return table
+
+
+def _in_brackets(text: str) -> str:
+    return f"({text})" if text else ""
 
 
 def stage_work(stage: Mapping[str, Any]) -> str:
@@ -314,8 +319,13 @@ def bound_line(report: dict[str, Any]) -> str:
         line = f"proven: no {plan} of these {what} is faster than {report['lower_bound']:.3f} s"
         if _are_limited(report):
             line += "; torque limits keep it valid, as they only make plans slower"
-    if report["tool_speed_cap"] is not None:
-        line += "; neither the bound nor the search includes the limit of the tools' speed"
+    if report["tool_speed_cap"] is not None or any(stage["care"] for stage in report["stages"]):
+        limit = (
+            "the limit of the tools' speed"
+            if report["tool_speed_cap"]
+            else "limits of tasks and parts"
+        )
+        line += f"; neither the bound nor the search includes {limit}"
     elif report["grid_gap"] is not None:
         before = "refinement" if report["blending"] is None else "refinement and blending"
         line += (

@@ -199,6 +199,7 @@ class ReportStage(StageRow):
     duration: Annotated[float, "s", "End less start."]
     work: list[ReportWork]
     torque: ReportStageTorque | None
+    care: Annotated[str, "", "Limits of a task or of a held part that slow the bottleneck, such as `cup: speed 0.5`; empty for none."]
 
 
 class DwellRow(TypedDict):

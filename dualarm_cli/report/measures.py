@@ -1,13 +1,15 @@
-"""Measures that compare methods: bottlenecks, travel of elbows and platform."""
+"""Measures that compare methods: bottlenecks, care, travel of elbows and platform."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from dualarm_cli.model.schedule import WORK_ENDS, Schedule
+from dualarm_cli.model.job import GIVES, TAKES, Job
+from dualarm_cli.model.part_flow import Care, kind_of_part
+from dualarm_cli.model.schedule import TOOL_SPEED, WORK_ENDS, Schedule, Stage
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import PLATFORM, StageParts, overlap, stage_parts
 
@@ -191,3 +193,37 @@ def joint_travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float
     trajectory = schedule.trajectory
     length = np.abs(np.diff(trajectory.position, axis=0)).sum(axis=0)
     return {joint: float(length[trajectory.joints.index(joint)]) for joint in joints}
+
+
+def stage_care(schedule: Schedule, job: Job) -> list[dict[str, str]]:
+    """Describe the limits that slow each stage, such as `cup: speed 0.5`; empty for none."""
+    stages = schedule.stages
+    if not job.slows:
+        return [{"care": ""} for _ in stages]
+    return [{"care": ", ".join(dict.fromkeys(_of_stage(schedule, job, s)))} for s in stages]
+
+
+def _of_stage(schedule: Schedule, job: Job, stage: Stage) -> Iterator[str]:
+    """List the limits of one stage."""
+    robot, name = schedule.robot, stage.bottleneck
+    for task in job.tasks:
+        events = [e for e in schedule.events if e.task == task.id]
+        for arm in {e.arm for e in events}:
+            times = {e.action: e.time for e in events if e.arm == arm}
+            taken = min((times[a] for a in times if a in TAKES), default=np.inf)
+            given = max((times[a] for a in times if a in GIVES), default=-np.inf)
+            holds = taken < stage.start < given
+            joints = (*robot.arms[arm].joints, *(robot.platform if holds else ()))
+            limits = [(task.id, task.care)] if task.id in stage.tasks or holds else []
+            limits += [(kind_of_part(task.part), task.holding)] if holds else []
+            for of, care in limits:
+                if name in joints or (name == TOOL_SPEED and care.tool_speed < np.inf):
+                    yield from (f"{of}: {text}" for text in [_words(care)] if text)
+
+
+def _words(care: Care) -> str:
+    """Name the limits that slow a motion."""
+    shares = {"speed": care.speed, "acceleration": care.acceleration}
+    words = [f"{key} {share:.3g}" for key, share in shares.items() if share < 1.0]
+    words += [f"tool speed {care.tool_speed:.3g} m/s"] if care.tool_speed < np.inf else []
+    return " and ".join(words)

@@ -24,7 +24,7 @@ from dualarm_cli.notes import Note, filled
 from dualarm_cli.records import field_values
 from dualarm_cli.report.bodies import bodies, cell_notes
 from dualarm_cli.report.document import Report
-from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
+from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel, stage_care
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.report.stage_parts import StageParts, blending_rows, stage_parts
 from dualarm_cli.report.torques import torque_members
@@ -52,6 +52,7 @@ def build_report(schedule: Schedule, job: Job) -> Report:
     """
     drawn = drawn_out(schedule)
     torques, stage_torques = torque_members(schedule, job)
+    stages = _stage_rows(schedule), stage_torques, stage_care(schedule, job)
     members: dict[str, Any] = {
         "format": "dualarm.report/1",
         "robot": schedule.robot.name,
@@ -79,8 +80,7 @@ def build_report(schedule: Schedule, job: Job) -> Report:
         "varying": _varying(schedule, job),
         **_kind_rows("work", schedule, job),
         "stages": [
-            row | {"torque": torque}
-            for row, torque in zip(_stage_rows(schedule), stage_torques, strict=True)
+            row | {"torque": torque} | care for row, torque, care in zip(*stages, strict=True)
         ],
         "torques": torques,
         "bottlenecks": _bottlenecks(schedule),
@@ -102,7 +102,7 @@ def build_report(schedule: Schedule, job: Job) -> Report:
         "assumed_limits": assumed_joints(schedule),
         "assumptions": assumed_lines(schedule),
         "without_jerk_limit": joints_without_jerk_limit(schedule),
-        "sensitivity": [field_values(entry) for entry in sensitivity(schedule)],
+        "sensitivity": [field_values(entry) for entry in sensitivity(_as_capped(schedule, job))],
         "verification": verification_document(schedule.verification),
         "settings": dict(schedule.provenance.settings),
         "notes": [*cell_notes(job), *schedule.notes],
@@ -292,6 +292,13 @@ def _stage_row(stage: Stage, work: list[dict[str, str]]) -> dict[str, Any]:
     row = field_values(stage) | {"duration": stage.end - stage.start}
     del row["arm"]
     return row | {"tasks": list(stage.tasks), "work": work}
+
+
+def _as_capped(schedule: Schedule, job: Job) -> Schedule:
+    """Let transfers that care slows count as slowed by a limit of tool speed."""
+    if not job.slows or job.tool_speed is not None:
+        return schedule
+    return replace(schedule, robot=replace(schedule.robot, tool_speed=np.inf))
 
 
 def _bottlenecks(schedule: Schedule) -> dict[str, int]:

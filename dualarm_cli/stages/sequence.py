@@ -278,7 +278,7 @@ def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[li
         problem.effort,
         problem.seed,
         # The search ignores tool speed limits: under one, keep the stages that do not collide.
-        local=problem.job.tool_speed is not None,
+        local=problem.job.tool_speed is not None or problem.job.slows,
     )
     if near is None:
         return []
@@ -303,9 +303,9 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
 
 
 def _is_timed_whole(job: Job) -> bool:
-    """Return whether the search's times are those of the plan: no tool speed limit, no conveyor."""
+    """Check whether the search times whole plans: without tool speed limits, care and conveyors."""
     belts = any(stop.belt is not None for task in job.tasks for stop in task.stops)
-    return job.tool_speed is None and not belts
+    return job.tool_speed is None and not job.slows and not belts
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:

@@ -16,6 +16,7 @@ import numpy as np
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import power
+from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import COMPARED, CUTS, PROFILES, Launch, launches
 from dualarm_cli.timing.line_profile import path_of
@@ -86,6 +87,13 @@ class Passings:
         A cut beyond them, or a missing line, stands for rest.
         """
         return 0 if cut >= len(CUTS) or len(self.launches) == 1 else 1 + profile * len(CUTS) + cut
+
+    def within(self, limits: JointLimits) -> Passings:
+        """Let launches with rates beyond other limits take forever."""
+        rates = np.abs(self.rates)
+        beyond = rates > np.stack([limits.velocity, limits.acceleration])
+        time = np.where(beyond.any(axis=(1, 2)), np.inf, self.time)
+        return replace(self, time=time) if beyond.any() else self
 
     @classmethod
     def none(cls, joints: int) -> Passings:

@@ -17,6 +17,7 @@ from dualarm_cli.model.job import WITHIN_TOLERANCE, Job
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.verification import COLLISIONS, Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
+from dualarm_cli.verification.care_checks import check_care
 from dualarm_cli.verification.clearance_checks import (
     check_clearance,
     check_shapes,
@@ -246,6 +247,7 @@ def _job_checks(evidence: Evidence) -> list[Check]:
         third = [check_pairing(schedule, done, spans), check_dwells(schedule, done)]
         third += [*check_ends(schedule, job), *check_signals(schedule, done)]
         third += check_grasps(schedule, job)
+        third += check_care(schedule, done, evidence.model)
     return [
         *first,
         *_kind_checks("order", evidence),

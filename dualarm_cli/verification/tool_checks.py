@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -59,14 +59,16 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
     times = np.union1d(uniform, trajectory.time)
     worst = Worst()
     for block in np.array_split(times, len(times) // SPEED.block + 1):
-        for arm, speed in _speeds(schedule, model, block).items():
+        for arm, speed in tool_speeds(schedule, model, block, schedule.robot.arms).items():
             k = int(np.argmax(speed))
             worst.add(float(speed[k]), f"{arm} tool at {block[k]:.3f} s")
     return worst.judge("tool_speed", allowed)
 
 
-def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str, FloatArray]:
-    """Measure the speed of each tool at instants [m/s], by central differences."""
+def tool_speeds(
+    schedule: Schedule, model: ToolModel, times: FloatArray, arms: Iterable[str]
+) -> dict[str, FloatArray]:
+    """Measure the speed of the arms' tools at instants [m/s], by central differences."""
     trajectory = schedule.trajectory
     # At the ends of the motion the window is cut short.
     before, after = (
@@ -76,7 +78,7 @@ def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str
     width = after - before
     earlier, later = trajectory.clamped(before)[0], trajectory.clamped(after)[0]
     speeds = {}
-    for arm in schedule.robot.arms:
+    for arm in arms:
         distance = norm(model.poses(arm, later)[1] - model.poses(arm, earlier)[1], axis=1)
         speeds[arm] = np.divide(distance, width, out=np.zeros_like(width), where=width > 0)
     return speeds

@@ -112,7 +112,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("id: b", "id: b\n    after: [aa]", "13:13: E300 there is no task 'aa', did you mean 'a'?"),
         ("    arm: right\n", "", "12:5: E202 'arm' is missing"),
         ("    move:", "    pick: {xyz: [0, 0, 0]}\n    move:", "15:5: E200 'move' does not go with 'pick'; make two tasks"),
-        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, place, move, path, coordinate, handover, tool, part, grasp, touches, leaves, approach, retract, straight, blend, dwell, signals"),
+        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, place, move, path, coordinate, handover, tool, speed, acceleration, tool_speed, tilt, part, grasp, touches, leaves, approach, retract, straight, blend, dwell, signals"),
         ("id: b", "id: b\n    line_motion: allowed", "13:5: E201 key 'line_motion' was removed: the platform stands while tools are on lines; delete it"),
         ("settle: 30 ms}}", "settle: 30 ms}, dwell_motion: allowed}", "6:86: E201 key 'dwell_motion' was removed: joints stand while tools dwell; delete it"),
         ("cell: cell.yaml", "cell: ../cell.yaml", None),

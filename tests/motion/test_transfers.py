@@ -38,7 +38,7 @@ def test_a_motion_is_slowed_to_its_cap_and_no_farther(top, cap, power, flat):
         return top * min(factor, flat) ** power
 
     allowed = cap * (1.0 - SPEED_MARGIN)
-    factor = slowed(lambda f: f, speed, cap)
+    factor = slowed(lambda f: f, speed, {"left": cap})
     if top * flat**power <= allowed:
         assert factor == 1.0
         return
@@ -51,7 +51,7 @@ def test_a_motion_is_slowed_to_its_cap_and_no_farther(top, cap, power, flat):
 
 def test_what_no_slowness_serves_is_not_slowed():
     """Something else moves the tool, too fast: there is no such motion."""
-    assert slowed(lambda f: f, lambda factor: 1.0 + factor, 0.5) is None
+    assert slowed(lambda f: f, lambda factor: 1.0 + factor, {"left": 0.5}) is None
 
 
 @pytest.mark.parametrize("cap", [0.25, 0.8])
@@ -80,9 +80,9 @@ def test_the_fastest_tool_is_found_between_the_instants_that_are_looked_at_first
                 q[:, drive.columns[group]] = trajectory.clamped(t)[0]
             return q
 
-        found = largest_tool_speed(model, list(model.arms), position_at, length)
+        found = largest_tool_speed(model, drive.caps, position_at, length)
         assert found == pytest.approx(dense, rel=5e-4)
         assert dense <= cap
-        slower += moved.capped
+        slower += bool(moved.capped)
         assert not moved.capped or dense >= cap * (1.0 - SPEED_MARGIN - 4.0 * SPEED_TOLERANCE)
     assert slower > 3

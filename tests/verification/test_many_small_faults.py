@@ -39,7 +39,7 @@ def test_a_tool_that_rams_beyond_its_target_and_comes_back_is_found(tasks_folder
         q = np.unwrap(q, axis=0)
         q += posture.q_target - q[-1]
         length = np.linspace(0, problem.approach, 65)
-        timed = drive.timing.line(LineProblem(limits.joints, q, length, limits, drive.cap, 384))
+        timed = drive.timing.line(LineProblem(limits.joints, q, length, limits, None, 384))
         share = np.arange(6) / 6
         dense = (timed.time[:-1, None] + np.diff(timed.time)[:, None] * share).ravel()
         times = np.append(dense, timed.time[-1])

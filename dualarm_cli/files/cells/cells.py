@@ -17,6 +17,7 @@ from dualarm_cli.files.cells.cell_frames import frame_pose, world_frames
 from dualarm_cli.files.cells.grasps import read_grasps
 from dualarm_cli.files.cells.grids import patterns_of, pose_ranges
 from dualarm_cli.files.cells.schema_cell import (
+    CareSection,
     CellFile,
     PairMemberSection,
     PairSection,
@@ -38,6 +39,7 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell, Obstacle, Tool
+from dualarm_cli.model.part_flow import Care
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape, uniform_inertia
 from dualarm_cli.notes import Note
@@ -211,12 +213,19 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
         patterns=patterns_of(model.frames),
         grasps=grasps,
         varying=pose_ranges(model.frames, frames),
+        care={name: read_care(part.while_holding) for name, part in model.parts.items()},
         **{name: value for addition in added for name, value in addition.fields.items()},
     )
     for part, by_name in grasps.items():
         for grasp in by_name.values():
             cell = cell.with_held_part(part, grasp.name, grasp.pose)
     return cell, tuple(reader.notes)
+
+
+def read_care(section: CareSection | None) -> Care:
+    """Read the limits of a task or of a held part."""
+    given = {key: getattr(section, key, None) for key in CareSection.model_fields}
+    return Care(**{key: value for key, value in given.items() if value is not None})
 
 
 class CellReader:

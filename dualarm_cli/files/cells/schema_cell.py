@@ -22,8 +22,10 @@ from dualarm_cli.files.source.fields import (
     Scale,
     Section,
     Size,
+    SpeedFraction,
     StraightLine,
     Symmetry,
+    Tilt,
     ToolPose,
     ToolSpeed,
     ToolVector3,
@@ -217,6 +219,37 @@ class GraspSection(ToolPose):
         return self
 
 
+class CareSection(Section):
+    """Limits of an arm's motion during a task, or while it holds a part."""
+
+    speed: SpeedFraction | None = Field(
+        default=None, description="Fraction of the speed of joints: 0.5 takes twice as long."
+    )
+    acceleration: SpeedFraction | None = Field(
+        default=None, description="Fraction of the accelerations of joints at that speed."
+    )
+    tool_speed: ToolSpeed | None = Field(
+        default=None, description="Maximum speed of the arm's tool centre point [m/s]."
+    )
+    tilt: Tilt | None = Field(
+        default=None,
+        description="Largest angle between the vertical and the axis of the held part that was vertical at the pick "
+        "[rad]; turns about the vertical are free.",
+    )
+
+
+class HoldingSection(CareSection):
+    """Limits of the motion while an arm holds a part; the platform keeps them, too."""
+
+    @model_validator(mode="after")
+    def _something(self) -> HoldingSection:
+        if not self.model_fields_set:
+            raise refuse(
+                "no limit; give speed, acceleration, tool_speed or tilt, or remove 'while_holding'"
+            )
+        return self
+
+
 class PartSection(WeighedSection):
     """A kind of part that a tool carries."""
 
@@ -232,6 +265,9 @@ class PartSection(WeighedSection):
         default=None,
         description="Number of turns about the part's z axis after which it looks the same; grasps off that axis "
         "are repeated for each.",
+    )
+    while_holding: HoldingSection | None = Field(
+        default=None, description="Limits of the motion of an arm that holds the part."
     )
 
     @model_validator(mode="after")

@@ -116,6 +116,7 @@ Mass = Annotated[float, Quantity(quantities.MASS, 0.0)]
 Density = Annotated[float, Quantity(quantities.DENSITY, SMALLEST_POSITIVE)]
 ToolSpeed = Annotated[float, Quantity(quantities.SPEED, 1e-6)]
 SpeedFraction = Annotated[float, Quantity(quantities.FRACTION, 1e-3, 1.0)]
+Tilt = Annotated[float, Quantity(quantities.ANGLE, 0.01, math.pi / 2.0)]
 Scale = Annotated[float, Quantity(quantities.FRACTION, SMALLEST_POSITIVE)]
 
 

@@ -15,7 +15,7 @@ from pydantic import (
 from pydantic_core import core_schema
 
 from dualarm_cli.files.cells.grids import MOST_PLACES
-from dualarm_cli.files.cells.schema_cell import LimitsSection
+from dualarm_cli.files.cells.schema_cell import CareSection, LimitsSection
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     SMALLEST_POSITIVE,
@@ -320,7 +320,7 @@ class TaskHead(Section):
     )
 
 
-class TaskSection(TaskHead):
+class TaskSection(CareSection, TaskHead):
     """A task: a pick and a place, a bare move, or work of another kind."""
 
     part: Name | None = Field(

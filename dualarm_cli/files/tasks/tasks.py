@@ -17,6 +17,7 @@ from dualarm_cli.files.source.overrides import Overrides
 from dualarm_cli.files.source.projects import Project, display_name, noted
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document
+from dualarm_cli.files.tasks.care import with_care
 from dualarm_cli.files.tasks.curves import CurveReader
 from dualarm_cli.files.tasks.expansion import expand_tasks
 from dualarm_cli.files.tasks.schema_tasks import TaskSection, TasksFile, read_budget
@@ -121,7 +122,7 @@ def load_job(
         defaults = schemas.defaults() if model is None else model.defaults
         curves = CurveReader(project, path, document, cell, findings)
         targets = TargetReader(document, cell, findings, expansion.poses)
-        tasks = TaskReader(document, targets, findings, defaults, curves).tasks(sections)
+        cell, tasks = with_care(TaskReader(document, targets, findings, defaults, curves), sections)
         findings.extend(project.overrides.unused())
     if model is None or loaded is None or findings.diagnostics:
         findings.fail()

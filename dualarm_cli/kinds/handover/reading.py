@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
@@ -14,6 +15,7 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.grasps import are_posed, stop_by_grasp
 from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
+from dualarm_cli.geometry.products import product
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.part_flow import Grasp, Handover, part_as_held
 from dualarm_cli.model.place import Place
@@ -178,7 +180,9 @@ def handover_shares(
     """
     pick, put = stops
     pose, grip = meeting
-    work = Handover(whole.arm, taker, grip, place)
+    held = replace(whole, stops=(pick,)).upright
+    x, y, z = product(grip.rotation.T, np.array(held or np.zeros(3))).tolist()
+    work = Handover(whole.arm, taker, grip, place, (x, y, z) if held else None)
     give = Stop("give", PoseTarget(pose), 0.0, pick.retract, pick.dwell, place)
     take = Stop("take", PoseTarget(pose * grip), pick.approach, 0.0, pick.dwell, place)
     take = replace(take, varying=pick.varying)

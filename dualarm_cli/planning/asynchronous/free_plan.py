@@ -28,7 +28,13 @@ from dualarm_cli.model.lying import Visit, lying_parts, lying_throughout
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
-from dualarm_cli.motion.transfers import PLATFORM, Drive, transfers_within_tool_speed
+from dualarm_cli.motion.care import MotionLimits
+from dualarm_cli.motion.transfers import (
+    PLATFORM,
+    Drive,
+    largest_tool_speed,
+    transfers_within_tool_speed,
+)
 from dualarm_cli.orders.model.tool_changes import cell_after
 from dualarm_cli.planning.asynchronous.meeting_arms import ArmCoordination
 from dualarm_cli.planning.asynchronous.own_clock import OwnClock, Wait
@@ -142,9 +148,21 @@ class FreePlanner:
                 if waits is None:
                     break
                 motion = self._joined(model, work, tuple(clocks), turns, waits, apart=apart)
+                if not apart and not self._turns_slowly(motion, ready):
+                    break
                 if cell is None or _is_clear(job, cell, motion):
                     return motion, waits
         return None
+
+    def _turns_slowly(self, motion: Motion, ready: float) -> bool:
+        """Check the tool speeds of arms that move to their first tasks while the platform turns."""
+        job = self.problem.job
+        caps = MotionLimits.of(job, {task.arm: task.care for task in reversed(job.tasks)}).caps
+        if not caps or ready <= 0.0:
+            return True
+        model, whole = self.problem.model, motion.trajectory
+        fastest = largest_tool_speed(model, caps, lambda time: whole.clamped(time)[0], ready)
+        return fastest <= min(caps.values())
 
     def _arm_plan(self, model: CellModel, name: str, work: FloatArray) -> ArmPlan:
         """Plan one arm alone through its stops."""

@@ -129,6 +129,16 @@ CRITERIA: Mapping[str, Mapping[str, Criterion]] = {
             "",
             "Picks and places by another grasp than allowed, stated or used before; listed for parts with grasps.",
         ),
+        "care": Criterion(
+            "share of the limit",
+            "Largest rate of a joint or tool in a task or while a part is held; listed for jobs with such limits.",
+            "no such task or part is in the schedule",
+        ),
+        "tilt": Criterion(
+            "share of the limit",
+            "Largest angle by which a held part leans from its attitude at the pick; listed for jobs with `tilt`.",
+            "no such part is in the schedule",
+        ),
         "start_posture": Criterion(
             "rad", "Distance from the start posture.", "start: free leaves it to the planner"
         ),

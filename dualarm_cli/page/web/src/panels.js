@@ -198,7 +198,7 @@ export function stages(plan, go) {
       stageText(plan, stage),
       fixed(stage.start, 3),
       fixed(stage.end - stage.start, 3),
-      jointLabel(plan.joints, stage.bottleneck),
+      jointLabel(plan.joints, stage.bottleneck) + (plan.report.stages[i]?.care ? ` (${plan.report.stages[i].care})` : ""),
       clearances.has(i) ? fixed(clearances.get(i).clearance * 1e3, 1) : "–",
       ...(plan.report.torques ? [stageTorque(plan, plan.report.stages[i]?.torque)] : []),
     ],

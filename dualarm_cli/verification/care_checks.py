@@ -1,0 +1,155 @@
+"""Checks of care: rates, tool speed and tilt during tasks and while parts are held."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arctan2
+from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.part_flow import Care
+from dualarm_cli.model.schedule import Event, Schedule
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.verification import Check
+from dualarm_cli.records import dataclass
+from dualarm_cli.verification.measuring.tolerances import TOL
+from dualarm_cli.verification.measuring.tool_model import ToolModel
+from dualarm_cli.verification.motion_checks import jerk_fraction, velocity_extrema
+from dualarm_cli.verification.tool_checks import SPEED, Worst, tool_speeds
+
+
+@dataclass(frozen=True)
+class CareSpan:
+    """Span of time in which an arm, or with a part also the platform, keeps care."""
+
+    arm: str
+    """Name of the arm."""
+    start: float
+    """Start [s]."""
+    end: float
+    """End [s]."""
+    care: Care
+    """Limits."""
+    task: str
+    """Id of the task."""
+    holds: bool
+    """Whether the arm holds the task's part throughout."""
+
+
+def check_care(schedule: Schedule, job: Job, model: ToolModel) -> list[Check]:
+    """Check the limits of tasks and of held parts; for jobs with such limits only.
+
+    Args:
+        schedule: the schedule to check.
+        job: the job as the schedule did it.
+        model: forward kinematics of the schedule's robot.
+    """
+    spans = list(_spans(schedule, job))
+    rates, tilt = Worst(), Worst()
+    for span in spans:
+        if span.care.slows:
+            value, what = _largest_share(schedule, span, model)
+            rates.add(value, f"{what} from {span.start:.3f} s to {span.end:.3f} s ({span.task})")
+    for span, leaning, at in _leaning(schedule, spans, model):
+        tilt.add(leaning / span.care.tilt, f"{span.arm} at {at:.3f} s ({span.task})")
+    named = ((rates, "care", TOL.tool_speed_slack), (tilt, "tilt", TOL.pose_angle))
+    limited = job.slows, any(min(t.care.tilt, t.holding.tilt) < np.inf for t in job.tasks)
+    return [
+        worst.judge(name, 1.0 + slack)
+        for (worst, name, slack), listed in zip(named, limited, strict=True)
+        if listed
+    ]
+
+
+def _spans(schedule: Schedule, job: Job) -> Iterator[CareSpan]:
+    """List the spans of held parts, and of tasks from first transfer to last retract."""
+    for task in job.tasks:
+        events = [e for e in schedule.events if (e.arm, e.task) == (task.arm, task.id)]
+        moves = [
+            s
+            for s in schedule.segments
+            if (s.arm, s.task) == (task.arm, task.id) and s.kind != "wait"
+        ]
+        times = [t for s in moves for t in (s.start, s.end)] + [e.time for e in events]
+        if times and task.care.slows:
+            yield CareSpan(task.arm, min(times), max(times), task.care, task.id, holds=False)
+        held = [e for e in events if e.action in ("pick", "take", "place", "give")]
+        care = task.care.stricter(task.holding)
+        if len(held) == 2 and care != Care():
+            start, end = held[0].time, held[1].time + held[1].dwell
+            yield CareSpan(task.arm, start, end, care, task.id, holds=True)
+
+
+def _largest_share(schedule: Schedule, span: CareSpan, model: ToolModel) -> tuple[float, str]:
+    """Measure the largest share of a limit in a span, and name the joint or tool."""
+    care, robot = span.care, schedule.robot
+    joints = (*robot.arms[span.arm].joints, *(robot.platform if span.holds else ()))
+    motion = _cut(schedule.trajectory.select(joints), span.start, span.end)
+    limits = robot.limits.select(joints).scaled(care.speed, care.acceleration)
+    shares = np.stack(
+        [
+            velocity_extrema(motion) / limits.velocity,
+            np.abs(motion.acceleration).max(axis=0) / limits.acceleration,
+            jerk_fraction(motion, limits),
+        ]
+    )
+    worst = float(shares.max()), joints[int(np.argmax(shares.max(axis=0)))]
+    if care.tool_speed == np.inf:
+        return worst
+    speed = max(
+        float(tool_speeds(schedule, model, times, [span.arm])[span.arm].max())
+        for times in _instants(schedule, span)
+    )
+    return max(worst, (speed / care.tool_speed, f"{span.arm} tool"))
+
+
+def _cut(trajectory: Trajectory, start: float, end: float) -> Trajectory:
+    """Cut a span out of a motion, without jumps of acceleration at its ends."""
+    start, end = start + TOL.same_time, end - TOL.same_time
+    inside = (trajectory.time > start) & (trajectory.time < end)
+    time = np.concatenate([[start], trajectory.time[inside], [end]])
+    return Trajectory(trajectory.joints, time, *trajectory.clamped(time))
+
+
+def _instants(schedule: Schedule, span: CareSpan) -> Iterator[FloatArray]:
+    """List the knots and instants at 1 kHz of a span, in blocks [s]."""
+    knots = schedule.trajectory.time
+    inside = knots[(knots > span.start) & (knots < span.end)]
+    times = np.union1d(np.append(np.arange(span.start, span.end, SPEED.step), span.end), inside)
+    yield from np.array_split(times, len(times) // SPEED.block + 1)
+
+
+def _leaning(
+    schedule: Schedule, spans: list[CareSpan], model: ToolModel
+) -> Iterator[tuple[CareSpan, float, float]]:
+    """Measure how far parts lean from their attitude at the pick: span, angle [rad], instant [s].
+
+    The axis that is vertical at the pick is fixed in the tool; at a hand-over it changes the tool.
+    """
+    firsts = {(e.arm, e.task): e for e in schedule.events if e.action in ("pick", "take")}
+    axes: dict[str, FloatArray] = {}
+    for span in sorted(spans, key=lambda span: span.start):
+        if not span.holds or span.care.tilt == np.inf:
+            continue
+        first = firsts[span.arm, span.task]
+        up = np.array([0.0, 0.0, 1.0])
+        if first.action == "take":
+            giver = next(arm for arm, task in firsts if task == span.task and arm != span.arm)
+            up = product(_turn(schedule, model, giver, first), axes[span.task])
+        axis = product(_turn(schedule, model, span.arm, first).T, up)
+        axes[span.task] = axis
+        for times in _instants(schedule, span):
+            R, _ = model.poses(span.arm, schedule.trajectory.clamped(times)[0])
+            x, y, z = product(R, axis).T
+            angle = arctan2(norm(np.stack([x, y]), axis=0), z)
+            k = int(np.argmax(angle))
+            yield span, float(angle[k]), float(times[k])
+
+
+def _turn(schedule: Schedule, model: ToolModel, arm: str, event: Event) -> FloatArray:
+    """Compute the rotation of an arm's tool in the world at an event, shape (3, 3)."""
+    at = schedule.trajectory.clamped(np.array([event.time]))[0]
+    return model.poses(arm, at)[0][0]

@@ -1,0 +1,115 @@
+"""Care of parts and tasks: rates by finite differences, in plans with it and in the verifier."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.part_flow import Care
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.verification import verify
+
+CARE = Care(speed=0.5, acceleration=0.8, tool_speed=0.5)
+STEP = 2e-4
+
+
+def careful(job: Job, **fields: Care) -> Job:
+    """Returns the job with care in all its tasks."""
+    return dataclasses.replace(
+        job, tasks=tuple(dataclasses.replace(task, **fields) for task in job.tasks)
+    )
+
+
+def largest(schedule: Schedule, job: Job, spans: list[tuple[str, float, float]]) -> float:
+    """Returns the largest share of CARE in the spans of arms, by differences of positions."""
+    robot = schedule.robot
+    model = pin.buildModelFromXML(robot.urdf)
+    data, share = model.createData(), 0.0
+    for arm, start, end in spans:
+        joints = (*robot.arms[arm].joints, *robot.platform)
+        limits = job.cell.robot.limits.select(joints)
+        time = np.arange(start, end, STEP)
+        q = schedule.trajectory.select(joints).clamped(time)[0]
+        v, a = np.diff(q, axis=0) / STEP, np.diff(q, 2, axis=0) / STEP**2
+        share = max(share, float((np.abs(v) / limits.velocity).max()) / CARE.speed)
+        allowed = CARE.speed**2 * CARE.acceleration * limits.acceleration
+        share = max(share, float((np.abs(a) / allowed).max()))
+        jerk = np.abs(np.diff(q, 3, axis=0)).max(axis=0) / STEP**3
+        share = max(share, float((jerk / (CARE.speed**3 * limits.jerk)).max()))
+        frame, tip = model.getFrameId(robot.arms[arm].flange), []
+        for whole in schedule.trajectory.clamped(time)[0]:
+            order = [schedule.trajectory.joints.index(name) for name in model.names[1:]]
+            pin.forwardKinematics(model, data, whole[order])
+            tip.append((pin.updateFramePlacement(model, data, frame) * robot.arms[arm].tcp).translation)  # fmt: skip
+        speed = np.linalg.norm(np.diff(tip, axis=0), axis=1).max() / STEP
+        share = max(share, float(speed) / CARE.tool_speed)
+    return share
+
+
+def held(schedule: Schedule) -> list[tuple[str, float, float]]:
+    """Returns arm, start and end of every span in which a part is held."""
+    times = {(e.task, e.action): e for e in schedule.events}
+    return [
+        (times[task, taken].arm, times[task, taken].time, times[task, given].time)
+        for task in {e.task for e in schedule.events}
+        for taken, given in (("pick", "give"), ("take", "place"))
+    ]
+
+
+def check_of(schedule: Schedule, job: Job, name: str = "care") -> Any:
+    """Returns a check of the verifier."""
+    return next(check for check in verify(schedule, job).checks if check.name == name)
+
+
+@pytest.fixture(scope="module")
+def flip(tasks_folder: Any) -> Job:
+    """Two hand-overs with a turning torso."""
+    return load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
+
+
+def test_held_parts_are_moved_with_care_by_arms_and_platform(
+    flip: Job, quick_plan: Callable[[str], Any]
+) -> None:
+    """Blended hand-overs keep what the plan without care exceeds, and use it up."""
+    before, job = quick_plan("13_hand_over"), careful(flip, holding=CARE)
+    share = largest(before, job, held(before))
+    found = check_of(before, job)
+    assert found.verdict == "failed"
+    assert found.measured == pytest.approx(share, rel=2e-2) and share > 1.5
+    plan = plan_without_bound(job, PlanSettings(effort="quick", platform="exact"))
+    assert {check.name for check in verify(plan, job).checks if check.verdict == "failed"} == set()
+    share = largest(plan, job, held(plan))
+    assert 0.95 < share < 1.02
+    assert check_of(plan, job).measured == pytest.approx(share, abs=2e-2)
+
+
+def test_only_the_arm_of_a_careful_task_is_slow(tasks_folder: Any) -> None:
+    """The first stage: one arm at half speed takes twice as long, the other one as before."""
+    job = load_job(tasks_folder / "02_two_trays" / "tasks.yaml")
+    tasks = tuple(
+        dataclasses.replace(task, after=(), care=Care(speed=0.5) if task.arm == "left" else Care())
+        for task in job.tasks
+    )
+    job = dataclasses.replace(job, tasks=tasks)
+    plan = plan_without_bound(job, PlanSettings(effort="quick", platform="fixed"))
+    assert check_of(plan, job).verdict == "passed"
+    limits = job.limits
+    for name, speed in (("left", 0.5), ("right", 1.0)):
+        joints = plan.robot.arms[name].joints
+        moves = [s for s in plan.segments if s.arm == name and s.kind == "transfer" and s.action]
+        for move in moves:
+            time = np.linspace(move.start, move.end, 2_000)
+            v = np.abs(plan.trajectory.select(joints).clamped(time)[1]).max(axis=0)
+            share = float((v / limits.select(joints).velocity).max())
+            assert share <= speed * (1.0 + 1e-9)
+        if name == "right":
+            assert share > 0.6
