@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,10 +17,12 @@ from dualarm_cli.cli.parts.output import (
     JsonOption,
     ResultOnlyOption,
     print_json,
+    print_message,
     stdout_console,
 )
 from dualarm_cli.cli.parts.score_options import CacheOption, JobsOption, NoCacheOption
 from dualarm_cli.cli.report import PAGE, tasks_of
+from dualarm_cli.errors import OutputError, UsageError
 from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
@@ -41,6 +44,15 @@ def why_command(
             show_default="the largest levers, about three times the time of planning",
         ),
     ] = None,
+    apply: Annotated[
+        str | None,
+        typer.Option(
+            "--apply",
+            metavar="DIR",
+            help="Folder for a copy of the job's files with the levers that help most, or that meet the budget.",
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier files.")] = False,
     jobs: JobsOption = None,
     cache: CacheOption = None,
     no_cache: NoCacheOption = False,
@@ -53,14 +65,16 @@ def why_command(
     Gains of all levers are estimated from the plan; the largest are re-planned and verified, also together.
     """
     from dualarm_cli.exporting.schedule_reader import read_schedule
+    from dualarm_cli.files.source.bundled import task_file
     from dualarm_cli.interface import load
     from dualarm_cli.levers.estimates import estimated_levers
 
+    if apply is not None and os.path.lexists(apply) and not force:
+        raise OutputError(f"--apply {apply}: exists; add --force to write into it, or name another")
     seconds = 0.0 if budget in ("0", "0 s") else read_duration("--budget", budget)
     schedule = read_schedule(plan)
-    file = (
-        tasks if tasks is not None else tasks_of(schedule, plan if plan.is_dir() else plan.parent)
-    )
+    folder = plan if plan.is_dir() else plan.parent
+    file = tasks_of(schedule, folder) if tasks is None else task_file(tasks)[0]
     job = load(file)
     estimates = estimated_levers(schedule, job, file)
     replanned: list[Replanned] = []
@@ -76,7 +90,29 @@ def why_command(
         print_lines(stdout_console(), *document["sentences"][-1:])
     else:
         _print(document, details)
-    write_why(plan if plan.is_dir() else plan.parent, document)
+    write_why(folder, document)
+    if apply is not None:
+        required = None if job.budget is None else job.budget.cycle_time
+        _apply(Path(apply), file, replanned, required, quiet or json_output)
+
+
+def _apply(
+    folder: Path, tasks: Path, replanned: list[Replanned], required: float | None, quiet: bool
+) -> None:
+    """Write a copy of a job's files with the best levers, and show the difference."""
+    from dualarm_cli.exporting.whole_files import replace_all
+    from dualarm_cli.levers.applying import applied
+    from dualarm_cli.levers.document import best_set
+    from dualarm_cli.levers.replanning import merged
+
+    best = best_set(replanned, required)
+    if best is None:
+        raise UsageError(f"--apply {folder}: no re-planned lever gains time; allow more --budget")
+    files = applied(tasks, merged(best.levers))
+    replace_all(folder, {name: [content] for name, content in files.contents.items()})
+    if not quiet:
+        print_lines(stdout_console(), *files.difference.splitlines())
+        print_message(f"written: {folder}; plan it: dualarm plan {folder / files.tasks}")
 
 
 def why_of(

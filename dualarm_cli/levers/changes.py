@@ -7,6 +7,7 @@ half a length or dwell, 20 mm or 5 degrees of a frame, a fifth more acceleration
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 from dualarm_cli.files.source.amounts import read_amount, scaled, shifted
@@ -115,7 +116,12 @@ def _amount(value: Any) -> Amount | None:
 
 
 def _times(factor: float) -> Change:
-    return lambda amount: scaled(amount, Amount(factor))
+    def changed(amount: Amount) -> Amount:
+        new = scaled(amount, Amount(factor))
+        is_whole = float(new.number).is_integer()
+        return replace(new, number=int(new.number)) if is_whole else new
+
+    return changed
 
 
 def _lever(
@@ -216,9 +222,13 @@ def _frames(cell: Document) -> Iterator[Lever]:
             if "quat" in frame or not isinstance(turns, list):
                 continue
             added = Amount(sign * turn.number, turn.unit, turn.factor, turn.base)
-            new_turns = [*turns[:2], shifted(read_amount(turns[2]), added).written]
-            at = f"cell:{to_pointer(('frames', name, 'rpy'))}"
-            yield Lever(f"frame {name}: yaw", word + turn.shown, "layout", {at: new_turns})
+            old = read_amount(turns[2])
+            yaw: Any = shifted(old, added).written if old.si else added.written
+            place: Loc = ("frames", name, "rpy", 2)
+            if "rpy" not in frame:
+                yaw, place = [0, 0, yaw], place[:-1]
+            at = f"cell:{to_pointer(place)}"
+            yield Lever(f"frame {name}: yaw", word + turn.shown, "layout", {at: yaw})
 
 
 def _joints(documents: Mapping[str, Document]) -> Iterator[Lever]:

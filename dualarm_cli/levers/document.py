@@ -156,7 +156,8 @@ def sentences(
         words.append(f"the budget of {required:g} s is met: {schedule.duration:.3f} s")
     if best is not None:
         time = best.evaluation.cycle_time or 0.0
-        levers = " and ".join(best.names)
+        *first, last = best.names
+        levers = f"{', '.join(first)} and {last}" if first else last
         both = " together" if len(best.levers) > 1 else ""
         gives = f"{levers}{both} give{'' if both else 's'} {time:.3f} s, verified"
         if required is None or schedule.duration <= required:

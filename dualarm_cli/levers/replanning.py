@@ -26,8 +26,8 @@ SETTINGS = ("timing", "blend", "effort", "seed")
 class ReplanSettings:
     """Numbers of plans that are re-planned."""
 
-    singles: int = 4
-    """Number of estimated levers that are planned by themselves, largest first."""
+    singles: int = 3
+    """Number of estimated levers of the cell that are planned by themselves, largest first."""
     searched: int = 1
     """Number of levers without an estimate that are planned by themselves."""
     together: int = 3
@@ -123,22 +123,17 @@ def replan(
     Returns:
         Combinations, shortest cycle first; single levers are among the results of the replanner.
     """
-    estimated = [e.lever for e in estimates if e.gain is not None and e.gain > 0.0]
-    free = [lever for lever in estimated if lever.kind != "robot"]
-    unestimated = [e.lever for e in estimates if e.gain is None and not e.lever.is_modelled]
-    singles = [*free[: REPLAN.singles], *unestimated[: REPLAN.searched]]
-    singles += [lever for lever in estimated if lever.kind == "robot"][:1]
+    cell = [e for e in estimates if e.lever.kind != "robot"]
+    free = _whole([e.lever for e in cell if e.gain is not None and e.gain > 0.0])
+    unestimated = [e.lever for e in cell if e.gain is None and not (free and e.lever.is_modelled)]
+    count = REPLAN.searched if free else REPLAN.singles
+    singles = [*unestimated[:count], *free[: REPLAN.singles]]
     replanner.plan([(lever,) for lever in singles])
     gains: dict[str, float] = {str(e.lever): e.gain for e in estimates if e.gain is not None}
     gains |= {r.names[0]: r.gain or 0.0 for r in replanner.results}
     usable = [lever for lever in (*free, *unestimated) if gains.get(str(lever), 0.0) > 0.0]
     usable.sort(key=lambda lever: -gains[str(lever)])
-    # A lever that is a part of a larger one adds nothing to combinations.
-    usable = [
-        lever
-        for k, lever in enumerate(usable)
-        if not any(lever.values.keys() < larger.values.keys() for larger in usable[:k])
-    ]
+    usable = _whole(usable)
     sets = [
         best
         for size in range(2, REPLAN.together + 1)
@@ -149,6 +144,15 @@ def replan(
         sets = [*_least(usable, gains, needed), *sets]
     together = replanner.plan(sets)
     return sorted(together, key=lambda result: -(result.gain or 0.0))
+
+
+def _whole(levers: Sequence[Lever]) -> list[Lever]:
+    """Leave out levers that are parts of earlier ones."""
+    return [
+        lever
+        for k, lever in enumerate(levers)
+        if not any(lever.values.keys() < larger.values.keys() for larger in levers[:k])
+    ]
 
 
 def _best(

@@ -24,7 +24,7 @@ EXAMPLES: Mapping[str, str] = {
     "schema": "; tasks; tasks --out tasks.schema.json",
     "plan": "tasks.yaml --open; 04_packing --effort quick -v; tasks.yaml --watch",
     "sweep": "study.yaml; study.yaml --out study --pages study; study.yaml --optimise",
-    "why": "plan; plan --budget '30 s'; plan --tasks tasks.yaml --json",
+    "why": "plan; plan --budget '30 s'; plan --apply faster",
     "report": "plan --open; plan/schedule.json; plan --tasks tasks.yaml",
     "export": "plan --to ros2; plan --to csv --rate 500; plan --to gltf --out cell",
     "verify": "plan; plan --tasks tasks.yaml -v; log.csv --plan plan",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import groupby
 from typing import Any
 
 from rich.markup import escape
@@ -83,12 +84,13 @@ def stages_table(document: Mapping[str, Any]) -> Table:
     ]
     for stage in sorted({piece["stage"] for piece in pieces}):
         inside = [piece for piece in pieces if piece["stage"] == stage]
-        decided = [f"{p['group']} {p['kind']}" for p in chain if p["stage"] == stage]
+        runs = groupby((p for p in chain if p["stage"] == stage), key=lambda p: p["group"])
+        decided = [f"{group} {', '.join(p['kind'] for p in run)}" for group, run in runs]
         least: dict[str, float] = {}
         for piece in inside:
             group = piece["group"]
             least[group] = min(piece["slack"], least.get(group, piece["slack"]))
         slack = [f"{g} {1e3 * t:.0f}" for g, t in least.items() if t > 1e-6]
         start = min(piece["start"] for piece in inside)
-        table.add_row(str(stage), f"{start:.3f}", ", ".join(decided), ", ".join(slack))
+        table.add_row(str(stage), f"{start:.3f}", "; ".join(decided), ", ".join(slack))
     return table

@@ -1,0 +1,116 @@
+"""Copies of a job's files with the values of levers; comments and layout stay."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from dualarm_cli.errors import UsageError
+from dualarm_cli.files.source.bundled import robots_folder
+from dualarm_cli.files.source.projects import Project
+from dualarm_cli.files.source.value_paths import from_pointer, value_at
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.studies.studies import job_documents
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.records import dataclass
+
+SCALAR = re.compile(r"\"(?:[^\"\\]|\\.)*\"|'(?:[^']|'')*'|(?:[^,\]}#\n]|(?<=\S)#)+")
+"""Text of a quoted or plain scalar from its first character; no number has a comma."""
+
+
+@dataclass(frozen=True)
+class AppliedFiles:
+    """Files of a job with changed values."""
+
+    contents: Mapping[str, bytes]
+    """Contents by name in the new folder; bundled robots are left out."""
+    tasks: str
+    """Name of the task file in the new folder."""
+    difference: str
+    """Lines that were changed, as a unified diff."""
+
+
+def applied(tasks: Path, values: Mapping[str, Any]) -> AppliedFiles:
+    """Change values in copies of a job's task and cell file.
+
+    Args:
+        tasks: the task file.
+        values: new values by role and JSON pointer; those of other files are refused.
+
+    Raises:
+        UsageError: a value of another file than task and cell file.
+    """
+    project, job = Project.of(tasks), load_job(tasks)
+    documents = job_documents(project, tasks, tasks.name)
+    names = dict(zip(documents, project.inputs, strict=False))
+    by_role: dict[str, dict[str, Any]] = {}
+    for key, value in values.items():
+        role, _, pointer = key.partition(":")
+        by_role.setdefault(role, {})[pointer] = value
+    if beyond := [role for role in by_role if role not in ("tasks", "cell")]:
+        raise UsageError(f"{beyond[0]}: only task and cell file are changed; edit the robot file")
+    places = {name: project.folder / name for name in job.inputs}
+    bundled = robots_folder().resolve()
+    places = {
+        name: place
+        for name, place in places.items()
+        if place.is_file() and not place.resolve().is_relative_to(bundled)
+    }
+    top = os.path.commonpath([place.parent for place in places.values()])
+    inside = {name: place.relative_to(top).as_posix() for name, place in places.items()}
+    contents = {inside[name]: place.read_bytes() for name, place in places.items()}
+    difference = ""
+    for role, changes in by_role.items():
+        document, name = documents[role], inside[names[role]]
+        text = edited(document, changes)
+        lines = document.source.text.splitlines(), text.splitlines()
+        rows = difflib.unified_diff(*lines, name, name, n=0, lineterm="")
+        difference += "".join(f"{row}\n" for row in rows)
+        contents[name] = text.encode()
+    return AppliedFiles(contents, inside[names["tasks"]], difference)
+
+
+def edited(document: Document, changes: Mapping[str, Any]) -> str:
+    """Replace values in a file's text by JSON pointer; a missing key is added to its mapping."""
+    lines = document.source.text.split("\n")
+    edits = []
+    for pointer, value in changes.items():
+        loc = from_pointer(document.data, pointer, may_add=True)
+        is_new = (
+            loc[-1] not in value_at(document.data, loc[:-1]) if isinstance(loc[-1], str) else False
+        )
+        edits.append(
+            _added(document, loc, value, lines) if is_new else _replaced(document, loc, value)
+        )
+    for line, column, length, text in sorted(edits, reverse=True):
+        row = lines[line - 1]
+        if length < 0:
+            length = len(SCALAR.match(row, column - 1)[0].rstrip())  # type: ignore[index]
+        lines[line - 1] = row[: column - 1] + text + row[column - 1 + length :]
+    return "\n".join(lines)
+
+
+def _replaced(document: Document, loc: Loc, value: Any) -> tuple[int, int, int, str]:
+    """Return place, unknown length and new text of a value."""
+    return (*document.place(loc), -1, _text(value))
+
+
+def _added(document: Document, loc: Loc, value: Any, lines: list[str]) -> tuple[int, int, int, str]:
+    """Return place and text of a new key, before the second or only key of its mapping."""
+    keys = list(value_at(document.data, loc[:-1]))
+    line, column = document.place((*loc[:-1], keys[min(1, len(keys) - 1)]), key=True)
+    before = lines[line - 1][: column - 1]
+    flow = before.rstrip(" ").endswith(("{", ","))
+    follows = ", " if flow else "\n" + " " * (column - 1)
+    return line, column, 0, f"{loc[-1]}: {_text(value)}{follows}"
+
+
+def _text(value: Any) -> str:
+    """Write a scalar or a list of scalars in YAML."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_text, value))}]"
+    return str(value).lower() if isinstance(value, bool) else str(value)
