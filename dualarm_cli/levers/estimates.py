@@ -90,7 +90,7 @@ def lengths_under(kept: KeptPlan, lever: Lever, tasks: Path) -> np.ndarray | str
     if not lever.is_modelled:
         return "only another plan shows it"
     if not kept.is_modelled:
-        return "its kind of work has no model of times"
+        return "parts on belts are met at other times then"
     lengths = kept.lengths(changed)
     return "a posture of the plan is out of reach then" if lengths is None else lengths
 

@@ -18,7 +18,7 @@ from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import BLENDINGS
 from dualarm_cli.model.job import Job, PoseTarget, Stop
-from dualarm_cli.model.schedule import TOOL_SPEED, WORK_ENDS, Event, Schedule, Segment
+from dualarm_cli.model.schedule import TOOL_SPEED, Event, Schedule, Segment
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.critical_path import TimedPiece, pieces_of
 from dualarm_cli.report.stage_parts import CORNERS, PLATFORM
@@ -112,9 +112,8 @@ class KeptPlan:
 
     @property
     def is_modelled(self) -> bool:
-        """Whether the times of all lines and transfers of tasks are modelled."""
-        works = any(piece.kind in WORK_ENDS for piece in self.pieces)
-        return not (works or self.job.moves) and self.times is not None
+        """Whether the times of lines and transfers are modelled; paths and seams keep theirs."""
+        return not self.job.moves and self.times is not None
 
     @cached_property
     def _slowed(self) -> np.ndarray:

@@ -78,7 +78,8 @@ class Replanner:
     def plan(self, sets: Sequence[tuple[Lever, ...]]) -> list[Replanned]:
         """Plan sets of levers in order, as far as the time allows; return the new results."""
         planned = {frozenset(map(str, result.levers)) for result in self.results}
-        left = [levers for levers in sets if frozenset(map(str, levers)) not in planned]
+        keys = {frozenset(map(str, levers)): levers for levers in reversed(sets)}
+        left = [levers for key, levers in reversed(keys.items()) if key not in planned]
         fresh: list[Replanned] = []
         while left and (self.until is None or monotonic() < self.until):
             count = len(left) if self.until is None else self.batch

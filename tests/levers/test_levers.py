@@ -159,6 +159,7 @@ def test_the_fewest_levers_that_meet_the_budget_are_chosen(
     assert best is not None
     assert [name.strip() for name in best.names] == chosen
     assert best.evaluation.cycle_time == pytest.approx(cycle)
+    assert len({tuple(result.names) for result in replanner.results}) == len(replanner.results)
     for result in replanner.results:
         assert len(merged(result.levers)) == sum(len(lever.values) for lever in result.levers)
     [words] = sentences(Plan(), required, replanner.results)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from typer.core import TyperCommand, TyperGroup
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Start": ("init", "check", "explain", "schema"),
-    "Plan": ("plan", "sweep", "report", "export"),
+    "Plan": ("plan", "sweep", "why", "report", "export"),
     "Judge": ("verify", "score"),
     "Compare": ("compare", "platform", "curve", "solvers"),
     "Robot": ("robot", "calibrate"),

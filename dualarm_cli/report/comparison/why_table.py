@@ -37,7 +37,10 @@ def levers_table(document: Mapping[str, Any], every: bool = False) -> Table:
     """Build the table of levers, largest gain first."""
     rows = document["levers"]
     shown = [row for row in rows if every or _is_shown(row)]
-    shown = shown if every else shown[:MOST_LEVERS]
+    planned = sum(bool(row["status"]) for row in shown[MOST_LEVERS:])
+    shown = [
+        row for k, row in enumerate(shown) if every or row["status"] or k < MOST_LEVERS - planned
+    ]
     title = f"levers: {len(shown)} of {len(rows)}; gain estimated, and re-planned"
     heads = numbers("estimate s", "gain s", "%", no_wrap=True)
     table = Table("lever", "change", *heads, title=title, title_justify="left")
