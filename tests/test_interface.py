@@ -300,6 +300,7 @@ def test_objects_have_a_short_text_and_notebooks_show_figures_with_a_picture(
     assert repr(found.job) == "<Job 01_first_pick of Yaskawa Motoman SDA10F: 2 tasks>"
     assert repr(replace(found.job, inputs={})) == "<Job of Yaskawa Motoman SDA10F: 2 tasks>"
     assert repr(exported) == f"<Export to csv: {len(exported.files)} files>"
+    assert repr(replace(exported, files={"a.csv": []})) == "<Export to csv: 1 file>"
     assert repr(explained) == f"<Explanation: {explained.title}>"
     assert (
         repr(found)

@@ -55,7 +55,8 @@ class Export:
 
     def __repr__(self) -> str:
         """Describe the export in a line."""
-        return f"<Export to {self.document['to']}: {len(self.files)} files>"
+        count = len(self.files)
+        return f"<Export to {self.document['to']}: {count} {'file' if count == 1 else 'files'}>"
 
     def write(self, folder: str | Path, *, force: bool = False) -> Path:
         """Write the files and `export.json`, all or none; returns the folder.
