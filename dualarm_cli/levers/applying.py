@@ -75,7 +75,7 @@ def applied(tasks: Path, values: Mapping[str, Any]) -> AppliedFiles:
 
 
 def edited(document: Document, changes: Mapping[str, Any]) -> str:
-    """Replace values in a file's text by JSON pointer; a missing key is added to its mapping."""
+    """Replace values in a file's text, or add them where missing."""
     lines = document.source.text.split("\n")
     edits = []
     for pointer, value in changes.items():
@@ -100,7 +100,7 @@ def _replaced(document: Document, loc: Loc, value: Any) -> tuple[int, int, int, 
 
 
 def _added(document: Document, loc: Loc, value: Any, lines: list[str]) -> tuple[int, int, int, str]:
-    """Return place and text of a new key, before the second or only key of its mapping."""
+    """Return place and text of a new key of a mapping."""
     keys = list(value_at(document.data, loc[:-1]))
     line, column = document.place((*loc[:-1], keys[min(1, len(keys) - 1)]), key=True)
     before = lines[line - 1][: column - 1]
