@@ -6,7 +6,7 @@ half a length or dwell, 20 mm or 5 degrees of a frame, a fifth more acceleration
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -41,6 +41,13 @@ SIZES = LeverSizes()
 CLEARANCE, SKEW, MASS = "clearance", "skew", "mass of tools and parts"
 UNMODELLED = (CLEARANCE, SKEW, MASS)
 """Levers whose gain is in fewer collisions or smaller torques."""
+PLAIN_UNITS = {
+    **dict.fromkeys(("approach", "retract", "straight", "clearance"), "m"),
+    **dict.fromkeys(("dwell", "gripper", "settle", "handshake", "skew"), "s"),
+    "tool_speed": "m/s",
+    "mass": "kg",
+}
+"""Units of plain numbers, by the key of the value. Accelerations depend on the joint."""
 
 
 @dataclass(frozen=True)
@@ -132,18 +139,32 @@ def _lever(
     change: Change,
 ) -> list[Lever]:
     """Build the lever that changes the numbers at some places; nothing without any."""
-    values, words = {}, []
+    values, pairs = {}, []
     for role, loc in places:
         amount = _amount(value_at(documents[role].data, loc))
         if amount is not None:
             new = change(amount)
             values[f"{role}:{to_pointer(loc)}"] = new.written
-            words.append(f"{amount.shown} to {new.shown}")
-    if not values:
-        return []
-    distinct = list(dict.fromkeys(words))
-    more = f" (+{len(distinct) - 1})" if len(distinct) > 1 else ""
-    return [Lever(name, distinct[0] + more, kind, values)]
+            pairs.append((str(loc[-1]), amount, new))
+    return [Lever(name, changed_by(pairs), kind, values)] if values else []
+
+
+def changed_by(pairs: Sequence[tuple[str, Amount, Amount]]) -> str:
+    """Describe a change by its old and new value, or by a percentage.
+
+    A percentage is that of places with different values.
+
+    Args:
+        pairs: key, old value and new value of each place; all change by one factor.
+    """
+    words = set()
+    for key, old, new in pairs:
+        unit = "" if old.unit else PLAIN_UNITS.get(key, "")
+        words.add(f"{old.shown} to {new.shown} {unit}".rstrip())
+    _, old, new = pairs[0]
+    if len(words) == 1 or not old.si:
+        return min(words)
+    return f"{100.0 * (new.si / old.si - 1.0):+.3g}%"
 
 
 def _named(places: Mapping[str, list[Loc]], role: str, *names: str) -> list[tuple[str, Loc]]:

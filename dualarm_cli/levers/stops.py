@@ -18,12 +18,12 @@ from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.value_paths import PathError, from_pointer, value_at
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.files.studies.studies import job_documents
-from dualarm_cli.levers.changes import Lever
+from dualarm_cli.levers.changes import Lever, changed_by
 from dualarm_cli.levers.estimates import Estimate, lengths_under
 from dualarm_cli.levers.kept_plan import KeptPlan
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.study import Span
+from dualarm_cli.model.study import Amount, Span
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.critical_path import retimed
 
@@ -106,7 +106,7 @@ def part(lever: Lever, documents: Mapping[str, Document], share: float) -> Lever
     if share == 1.0:
         return lever
     values: dict[str, Any] = {}
-    words = []
+    pairs = []
     for key, new in lever.values.items():
         role, _, pointer = key.partition(":")
         data = documents[role].data
@@ -115,22 +115,21 @@ def part(lever: Lever, documents: Mapping[str, Document], share: float) -> Lever
         except (PathError, KeyError):
             old = [0] * len(new) if isinstance(new, list) else 0
         if isinstance(new, list):
-            values[key] = [_between(a, b, share)[0] for a, b in zip(old, new, strict=True)]
+            values[key] = [_between(a, b, share)[1].written for a, b in zip(old, new, strict=True)]
         else:
-            values[key], word = _between(old, new, share)
-            words.append(word)
+            start, value = _between(old, new, share)
+            values[key] = value.written
+            pairs.append((pointer.rpartition("/")[2], start, value))
     if lever.kind == "layout":
         step = read_amount(lever.change.lstrip("+"))
         change = f"{step.number * share:+g} {step.unit}"
     else:
-        distinct = list(dict.fromkeys(words))
-        change = distinct[0] + (f" (+{len(distinct) - 1})" if len(distinct) > 1 else "")
+        change = changed_by(pairs)
     return replace(lever, change=change, values=values)
 
 
-def _between(old: Any, new: Any, share: float) -> tuple[float | str, str]:
-    """Interpolate two numbers of a file; return it as written, and old and new in words."""
+def _between(old: Any, new: Any, share: float) -> tuple[Amount, Amount]:
+    """Interpolate two numbers of a file; return the old one and the result, in one unit."""
     end = read_amount(new)
     start = in_unit(read_amount(old), end)
-    value = Span(start, end).at(share)
-    return value.written, f"{start.shown} to {value.shown}"
+    return start, Span(start, end).at(share)

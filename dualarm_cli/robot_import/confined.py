@@ -202,10 +202,8 @@ class _Arguments(dict[str, str]):
         """Look up a value."""
         self.names.add(name)
         if not super().__contains__(name):
-            self.missing = (
-                f"it needs a value of its argument `{name}`: add --xacro-arg {name}:=VALUE"
-            )
-            raise ValueError(self.missing)
+            self.missing = name
+            raise ValueError(f"no value of {name}")
         return super().__getitem__(name)
 
 
@@ -238,7 +236,9 @@ def main(work: str, folders: Sequence[str]) -> None:
         answer["text"] = document.toxml()
     except Exception as error:  # whatever its macros raise
         # xacro repeats the text of an error, with the names of its types.
-        answer["error"] = arguments.missing or str(error) or type(error).__name__
+        answer["error"] = str(error) or type(error).__name__
+        if arguments.missing:
+            answer["error"] = _missing(request["file"], arguments)
     answer |= {"defaults": arguments.defaults, "arguments": sorted(arguments.names)}
     for values in request["sets"][1:]:
         try:
@@ -248,6 +248,29 @@ def main(work: str, folders: Sequence[str]) -> None:
         except Exception:  # another set of arguments that is no robot
             answer["joints"].append(0)
     sys.stdout.write(json.dumps(answer))
+
+
+def _missing(file: str, arguments: _Arguments) -> str:
+    """Name every argument of a file that has no value; set the others to defaults.
+
+    Defaults that xacro would have to evaluate are left out.
+    """
+    from xml.dom.minidom import parse
+
+    missing = [arguments.missing]
+    for node in parse(file).getElementsByTagName("xacro:arg"):
+        name, default = node.getAttribute("name"), node.getAttribute("default")
+        if name in arguments or name in missing:
+            continue
+        if not node.hasAttribute("default"):
+            missing.append(name)
+        elif "$(" not in default:
+            arguments[name] = default
+    named = ", ".join(f"`{name}`" for name in missing)
+    needed = f"a value of its argument {named}"
+    if len(missing) > 1:
+        needed = f"values of its arguments {named}"
+    return f"it needs {needed}: add {' '.join(f'--xacro-arg {name}:=VALUE' for name in missing)}"
 
 
 def landlock_version() -> int:

@@ -151,7 +151,7 @@ def test_ctrl_c_after_the_search_gives_up_and_leaves_old_files_alone(tasks_folde
 
 
 def test_a_time_limit_ends_the_search_and_is_recorded(open_order, tmp_path):
-    """Quiet without a terminal: nothing on stderr; the schedule knows the limit, the report that it was over."""
+    """Without a terminal only lines of progress; the schedule has the limit, the report that it was over."""
     out = tmp_path / "out"
     command = [sys.executable, "-m", "dualarm_cli", "plan", str(open_order), "--out", str(out)]
     result = subprocess.run(
@@ -162,7 +162,9 @@ def test_a_time_limit_ends_the_search_and_is_recorded(open_order, tmp_path):
         check=False,
     )
     assert result.returncode in (0, 1), result.stderr
-    assert result.stderr == ""
+    # A slow machine takes longer than the interval of these lines.
+    progress = re.compile(r"[a-z].*: .*after \d+ s.*")
+    assert all(progress.fullmatch(line) for line in result.stderr.splitlines()), result.stderr
     settings = json.loads((out / "schedule.json").read_text())["provenance"]["settings"]
     assert settings["time_limit"] == 1.5
     assert [note for note in notes_of(out) if "as its time limit is 1.5 s" in note]

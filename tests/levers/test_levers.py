@@ -86,8 +86,8 @@ def test_estimates_of_kept_postures_are_the_plans_own(cell: Path) -> None:
     schedule = plan_without_bound(load_job(cell), settings, check_collisions=False)
     gains = {str(e.lever): e.gain for e in estimated_levers(schedule, load_job(cell), cell)}
     # Both arms pick, then both place.
-    assert gains["gripper 0.2 to 0.1"] == pytest.approx(2 * 0.1, abs=1e-6)
-    assert gains["settle 0.1 to 0"] == pytest.approx(2 * 0.1, abs=1e-6)
+    assert gains["gripper 0.2 to 0.1 s"] == pytest.approx(2 * 0.1, abs=1e-6)
+    assert gains["settle 0.1 to 0 s"] == pytest.approx(2 * 0.1, abs=1e-6)
     for name in ("approach 50 mm to 25 mm", "acceleration of all joints"):
         [full] = [key for key in gains if key.startswith(name)]
         [lever] = [lever for lever in of_file(cell) if str(lever) == full]

@@ -12,8 +12,9 @@ import pytest
 
 from dualarm_cli.cli.parts.while_planning import Replanning
 from dualarm_cli.cli.run import run
+from dualarm_cli.files.source.amounts import read_amount
 from dualarm_cli.files.source.yaml_source import Document
-from dualarm_cli.levers.changes import Lever
+from dualarm_cli.levers.changes import Lever, changed_by
 from dualarm_cli.levers.stops import part
 from dualarm_cli.page.page import DATA
 from dualarm_cli.page.what_helps import levers_of
@@ -32,6 +33,20 @@ def test_a_part_of_a_lever_is_between_the_values_of_the_file() -> None:
     assert (back.values, back.change) == ({"tasks:/xyz/0": 0.39}, "-10 mm")
     turn = Lever("frame a: yaw", "+5 deg", "layout", {"tasks:/frame/rpy": [0, 0, "5 deg"]})
     assert part(turn, documents, -1.0).values == {"tasks:/frame/rpy": [0.0, 0.0, "-5.0 deg"]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ([("approach", "80 mm", "40 mm"), ("approach", "80 mm", "40 mm")], "80 mm to 40 mm"),
+        ([("approach", 0.08, 0.04)], "0.08 to 0.04 m"),
+        ([("acceleration", 7.6, 9.12), ("jerk", 76, 91.2)], "+20%"),
+        ([("approach", "80 mm", "60 mm"), ("retract", "60 mm", "45 mm")], "-25%"),
+    ],
+)
+def test_a_change_has_its_unit_or_a_percentage(changes: list[Any], words: str) -> None:
+    """Old and new value if they are the same everywhere; several values share one factor."""
+    assert changed_by([(k, read_amount(a), read_amount(b)) for k, a, b in changes]) == words
 
 
 def test_sliders_that_change_the_same_value_exclude_each_other() -> None:

@@ -143,8 +143,15 @@ def test_an_argument_that_is_missing_or_unknown_is_named(tmp_path: Path) -> None
     )
     path.write_text(robot(content, "$(arg name)"))
     needed = "it needs a value of its argument `name`: add --xacro-arg name:=VALUE"
-    with pytest.raises(InputError, match=f"E400 xacro cannot expand it: {needed}(;|$)"):
+    changes = "; arguments at their defaults, which --xacro-arg NAME:=VALUE changes: kind '5'$"
+    with pytest.raises(InputError, match=f"E400 xacro cannot expand it: {needed}{changes}"):
         read_expanded(path)
+    unset = '<xacro:arg name="side"/><xacro:arg name="mesh" default="$(arg side)"/>'
+    path.write_text(robot(content + unset, "$(arg name)"))
+    both = "values of its arguments `name`, `side`: add --xacro-arg name:=VALUE --xacro-arg side"
+    with pytest.raises(InputError, match=f"it needs {both}:=VALUE{changes}"):
+        read_expanded(path)
+    path.write_text(robot(content, "$(arg name)"))
     source = read_expanded(path, XacroInput({"name": "mine"}))
     assert read_urdf(source).root.name == "mine"
     assert "arguments at their defaults: kind '5';" in program_notes(source)[1]

@@ -124,8 +124,17 @@ def _set_back(
     for lever in levers:
         values = {k: before[k] for k in lever.values if k in now and before[k] != now[k]}
         if values:
-            words = dict.fromkeys(f"{old} to {now[key]}" for key, old in values.items())
-            change = next(iter(words)) + (f" (+{len(words) - 1})" if len(words) > 1 else "")
+            words = dict.fromkeys(_set_to(k, old, now[k]) for k, old in values.items())
+            change = next(iter(words)) + (f" and {len(words) - 1} more" if len(words) > 1 else "")
             back = replace(lever, change=change, values=values)
             changed.setdefault(frozenset(values), back)
     return list(changed.values())
+
+
+def _set_to(key: str, old: Any, new: Any) -> str:
+    """Describe a number that is set back, with its unit where a plain number's is known."""
+    from dualarm_cli.levers.changes import PLAIN_UNITS
+
+    is_plain = not isinstance(old, str) and not isinstance(new, str)
+    unit = PLAIN_UNITS.get(key.rpartition("/")[2], "") if is_plain else ""
+    return f"{old} to {new} {unit}".rstrip()

@@ -27,13 +27,15 @@ export const u32 = (text) => new Uint32Array(bytes(text));
  * Read a plan.
  * @param {string} text JSON of format dualarm.page/1
  * @returns {Plan}
- * @throws {Error} on another format
+ * @throws {Error} on another format, or without the texts of the header
  */
 export function readPlan(text) {
   const raw = JSON.parse(text);
   if (raw.format !== FORMAT) {
     throw new Error(`the data have the format ${raw.format}, but this page reads ${FORMAT}`);
   }
+  const absent = ["title", "robot"].find((name) => typeof raw[name] !== "string");
+  if (absent) throw new Error(`${absent} is missing`);
   const joints = raw.joints.map((/** @type {any} */ joint) => ({
     ...joint,
     knots: {

@@ -89,7 +89,7 @@ test("arrays are decoded, and another format is refused", () => {
   const knots = Float64Array.of(0, 0.1, -1e300);
   const names = ["time", "position", "velocity", "acceleration"];
   const joint = { name: "a", knots: Object.fromEntries(names.map((n) => [n, packed(knots)])) };
-  const document = { format: "dualarm.page/1", joints: [joint], hulls: [], clearances: [] };
+  const document = { format: "dualarm.page/1", title: "job", robot: "arm", joints: [joint], hulls: [], clearances: [] };
   const plan = readPlan(JSON.stringify(document));
   assert.deepEqual(plan.joints[0].knots.velocity, knots);
   assert.throws(() => readPlan(JSON.stringify({ ...document, format: "other/2" })), /other\/2/);

@@ -48,4 +48,5 @@ test("data that do not fit the program are named, with what to do", () => {
   const text = unfit('{"version":"0.0.9"}', new Error("joints is undefined"));
   assert.match(text, /by dualarm 0\.0\.9 .*joints is undefined.*dualarm report PLAN/);
   assert.throws(() => readPlan('{"format":"dualarm.page/0"}'), /format/);
+  assert.throws(() => readPlan('{"format":"dualarm.page/1","robot":"a"}'), /title is missing/);
 });
