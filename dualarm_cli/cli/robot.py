@@ -227,7 +227,7 @@ def import_command(
     uses = f"task files next to it use it: `cell: {main}`"
     if main == "robot.yaml":
         uses = f"a cell file next to that folder uses it: `robot: {Path(folder).name}/robot.yaml`"
-    print_message(f"written: {file}; {uses}")
+    print_message(f"written: {file}; {uses}; first project: dualarm init DIR --robot {folder}")
 
 
 def _asked_for_tips(tips: Sequence[str]) -> dict[str, str]:

@@ -163,6 +163,16 @@ def test_the_way_is_the_cause_where_it_is_longer(job, before):
             assert np.abs(ways - way).min() < 1e-6
 
 
+def test_stages_that_differ_by_less_than_is_shown_are_not_counted(before):
+    """0.1 ms are 0.000 s in the table."""
+    document = compared(before, before)
+    for row in document["stages"]:
+        row["difference"] = 1e-4
+    document |= {"identical": False, "difference": 1e-3}
+    count = len(document["stages"])
+    assert f": 0 of {count} stages slower, 0 faster" in schedules_sentence(document)
+
+
 def test_stages_are_matched_by_what_is_done_in_them(job, before):
     """One task less: its stages stand alone, the others keep their partners; the sum still holds."""
     fewer = dataclasses.replace(job, tasks=(*job.tasks[:2], *job.tasks[4:]))

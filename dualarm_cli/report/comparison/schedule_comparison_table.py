@@ -70,8 +70,9 @@ def schedules_sentence(document: Mapping[str, Any]) -> str:
     if document["identical"]:
         return f"A and B are identical: {a:.3f} s"
     both = [row for row in document["stages"] if None not in (row["a"], row["b"])]
-    changes = [row["difference"] for row in both]
-    slower, faster = sum(c > SAME for c in changes), sum(c < -SAME for c in changes)
+    # As the table shows them: what it rounds to 0.000 s is neither slower nor faster.
+    changes = [round(row["difference"], 3) for row in both]
+    slower, faster = sum(c > 0.0 for c in changes), sum(c < 0.0 for c in changes)
     if abs(document["difference"]) <= SAME:
         text = f"A and B are equally long with {a:.3f} s"
         if not slower and not faster:

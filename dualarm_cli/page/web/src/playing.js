@@ -57,5 +57,5 @@ export function copyLink(clock, say) {
   clock.pause();
   history.replaceState(null, "", linkTo(clock.time));
   const copied = navigator.clipboard?.writeText(location.href) ?? Promise.reject(new Error("no clipboard"));
-  copied.then(() => say("link copied"), () => say("link is in the address line"));
+  copied.then(() => say("copied"), () => say("link is in the address line"));
 }
