@@ -91,6 +91,12 @@ def motion_of(
     return Motion(merge(tracks, JOINTS), tuple(made), tuple(segments), events)
 
 
+class PlainJob(SimpleNamespace):
+    """A job as far as shapes look at it; equal to itself only, as jobs are."""
+
+    __hash__ = object.__hash__
+
+
 def problem(**keys: object) -> SimpleNamespace:
     """A job of tasks a and b that limits torques, as far as shapes look at it."""
     plain = {"handover": None, "tool": "", "is_change": False, "part": ""}
@@ -99,9 +105,8 @@ def problem(**keys: object) -> SimpleNamespace:
         for name, arm in (("a", "left"), ("a" if keys.get("handover") else "b", "right"))
     ]
     whole = cell()
-    job = SimpleNamespace(
-        cell=whole, tasks=tasks, limits=whole.robot.limits, tool_speed=keys.get("cap")
-    )
+    limits, cap = whole.robot.limits, keys.get("cap")
+    job = PlainJob(cell=whole, tasks=tasks, limits=limits, tool_speed=cap, slows=False)
 
     def tips(arms: Sequence[str], q: np.ndarray) -> np.ndarray:
         angles = [q[:, 0] + q[:, JOINTS.index(arm)] for arm in arms]

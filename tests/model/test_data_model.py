@@ -129,6 +129,10 @@ SOMETHING = {
     "PathWork.tolerance": 1e-4,
     "PathWork.stiffness": 10.0,
     "Amount.factor": 1.0,
+    "Care.speed": 1.0,
+    "Care.acceleration": 1.0,
+    "Care.tool_speed": np.inf,
+    "Care.tilt": np.inf,
 }
 """Numbers that are not 0 where they are left out."""
 

@@ -84,6 +84,10 @@ def test_points_are_read_where_every_joint_is_and_measured_where_every_coordinat
 PATH = PathSection.model_fields
 LIMITS = JointLimits(("j",), *np.array([[-1.0], [1.0], [2.0], [3.0], [5.0]]), ("",))
 NEUTRAL = {
+    ("Care", "speed"): lambda speed: (LIMITS.scaled(speed).jerk == LIMITS.jerk).all(),
+    ("Care", "acceleration"): lambda share: LIMITS.scaled(1.0, share).acceleration == 3.0,
+    ("Care", "tool_speed"): lambda speed: speed > sys.float_info.max,
+    ("Care", "tilt"): lambda angle: angle > math.pi,
     ("Job", "speed"): lambda speed: (LIMITS.scaled(speed).jerk == LIMITS.jerk).all(),
     ("Task", "not_after"): lambda last: last > sys.float_info.max,
     ("Stop", "straight"): lambda length: min(length, sys.float_info.max) == sys.float_info.max,

@@ -121,6 +121,7 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
         cross_margins=lambda *_: np.zeros(1),
         nearest=lambda *_: ("l", "r", -1.0),
         skew=0.0,
+        least_spare_tilt=lambda *_: ("left", np.inf),
     )
     clearing = SimpleNamespace(
         job=dataclasses.replace(job, start=start),
@@ -161,6 +162,7 @@ def test_a_stage_that_is_clear_in_step_lacks_room_for_a_late_arm(
         cross_margins=lambda *_: np.array([margin]),
         nearest=lambda *_: ("l", "r", margin),
         skew=0.05,
+        least_spare_tilt=lambda *_: ("left", np.inf),
     )
     clearing = SimpleNamespace(
         job=job,

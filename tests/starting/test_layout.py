@@ -185,5 +185,5 @@ def test_a_start_elsewhere_than_home_has_its_reason() -> None:
     message = _home_fault(replace(cell, obstacles=(table,)), z + 0.01)
     assert re.fullmatch(r"at home left_tool and table lack \d+\.\d mm of clearance", message)
     below = _home_fault(replace(cell, obstacles=()), z + 0.2)
-    assert below == "at home the left tool is 200 mm below the table's top"
+    assert below == "at home the tool is 200 mm below the table's top"
     assert _home_fault(replace(cell, obstacles=()), z - 0.2) == ""
