@@ -30,6 +30,24 @@ def file_order(job: Job) -> Job | None:
     return fixed
 
 
+def by_one_arm(job: Job) -> list[Job]:
+    """Build jobs, in file order, whose open tasks are all done by one arm.
+
+    There are none for hand-overs between any arms, changed tools, paths and seams.
+
+    Args:
+        job: a job with open arms.
+    """
+    arms = [arm.name for arm in job.cell.robot.arms]
+    if all(task.arm != ANY for task in job.tasks) or job.in_sections or job.cell.tool_changes:
+        return []
+    if any(task.arm == ANY and task.handover is not None for task in job.tasks):
+        return []
+    tasks = [tuple(_assigned(task, arm, arms) for task in job.tasks) for arm in arms]
+    jobs = [replace(job, order="given", tasks=assigned) for assigned in tasks]
+    return [fixed for fixed in jobs if all(_in_a_row(fixed, row) for row in job.sequences)]
+
+
 def stage_by_stage(job: Job) -> Job:
     """Convert a job to synchronous stages, each stop as early as possible.
 

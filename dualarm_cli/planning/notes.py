@@ -14,6 +14,7 @@ _NO_FASTER = "no order takes less than {bound:.2f} s"
 order_note = NoteTable(
     "order",
     of_file="order: that of the file, whose plan is faster than those of the orders found",
+    one_arm="order: that of the file, where one arm does all tasks of either arm; no other order has a plan",
     fixed="order: --time-limit has no effect, as the task file fixes the order",
     ended_early="order: the search ended early, as {why}; a longer search may find a faster plan",
     after_part="order: {later} comes after {first}, as its part would obstruct it",

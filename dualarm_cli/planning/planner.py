@@ -17,7 +17,7 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.notes import is_about
-from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
+from dualarm_cli.orders.decided_jobs import by_one_arm, file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.decided_plan import decided_plan
 from dualarm_cli.planning.notes import effort_note, grasp_note, order_note
@@ -167,10 +167,28 @@ def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
                 kept = [note for note in given.notes if not is_about(note, "order")]
                 notes = (*kept, order_note("of_file"))
                 best = replace(given, order_grid_gap=None, notes=notes)
+    best = best or _by_one_arm(work, watch)
     if best is None:
         assert failure is not None  # nothing else leaves none
         raise failure
     return best
+
+
+def _by_one_arm(work: PlannedJob, watch: Watch) -> Schedule | None:
+    """Plan a short job whose open tasks one arm does; return the faster plan, or None.
+
+    The grid of a search for orders has few postures, and may leave one arm for each task.
+    """
+    plans = []
+    for job in by_one_arm(work.job) if _is_short(work) else ():
+        if not watch.stop():
+            watch.report("planning the tasks of either arm by one arm")
+            with suppress(InfeasibleError):
+                plans.append(ROUTES[work.route](work.with_job(job), watch))
+    if not plans:
+        return None
+    best = min(plans, key=lambda schedule: schedule.duration)
+    return replace(best, notes=(*best.notes, order_note("one_arm")))
 
 
 def _is_slower_as_filed(schedule: Schedule, watch: Watch, trials: TrialEffort) -> bool:
@@ -216,12 +234,15 @@ ROUTES: Mapping[Route, Callable[[PlannedJob, Watch], Schedule]] = {
 }
 
 
+def _is_short(work: PlannedJob) -> bool:
+    """Check whether an open job has few stops."""
+    return sum(len(task.stops) for task in work.job.tasks) <= work.effort.short_stops
+
+
 def _less_efforts(work: PlannedJob) -> list[str]:
     """List the lower efforts to try: for decided jobs, and short ones without limit."""
-    if not work.job.is_decided:
-        short = sum(len(task.stops) for task in work.job.tasks) <= work.effort.short_stops
-        if not short or work.settings.time_limit is not None:
-            return []
+    if not work.job.is_decided and (not _is_short(work) or work.settings.time_limit is not None):
+        return []
     efforts = []
     less = less_effort(work.settings.effort)
     while less is not None:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from dualarm_cli.effort import EFFORTS
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.decided_jobs import file_order
@@ -98,6 +98,26 @@ def test_where_the_search_finds_none_the_order_of_the_file_is_planned(made, monk
     monkeypatch.setattr(planner, "file_order", lambda _: None)
     with pytest.raises(InfeasibleError, match="on the grid"):
         plan_without_bound(job, QUICK)
+
+
+def test_where_every_order_collides_one_arm_does_the_tasks_of_either(made, monkeypatch):
+    """The faster one of the two arms; a task of a fixed arm stays with it."""
+
+    def blocked(*_, **__):
+        raise BlockedError(Refusal("not_clear"), stages=(0,))
+
+    monkeypatch.setattr(ordered_plan, "_searched", blocked)
+    job = made([move("a", 0.3), move("b", 0.1), move("c", -0.4, arm="right")])
+    schedule = plan_without_bound(job, QUICK)
+    assert verify(schedule, job, clearance=True).failures == ()
+    arms = {event.task: event.arm for event in schedule.events}
+    assert arms["a"] == arms["b"] and arms["c"] == "right"
+    assert order_note("one_arm") in schedule.notes
+    alone = []
+    for arm in ("left", "right"):
+        tasks = [move("a", 0.3, arm=arm), move("b", 0.1, arm=arm), move("c", -0.4, arm="right")]
+        alone.append(plan_without_bound(made(tasks, order="given"), QUICK).duration)
+    assert schedule.duration == pytest.approx(min(alone), abs=1e-9)
 
 
 def test_an_open_order_is_not_slower_than_the_same_file_with_its_order_given(made, monkeypatch):
