@@ -24,7 +24,7 @@ from dualarm_cli.formats import export
 from dualarm_cli.formats.request import COLUMNS, Column, ExportRequest, check_rate, columns_named
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.settings import Blend, Effort, PlanSettings, Timing, check_seed
+from dualarm_cli.model.settings import Blend, Effort, PlanSettings, Timing, check_effort, check_seed
 from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.orders.watch import Watch
@@ -280,12 +280,10 @@ def plan_settings(**options: Unpack[PlanOptions]) -> PlanSettings:
     values: dict[str, Any] = {**options}
     platform, redundancy = values.pop("platform", None), values.pop("redundancy", None)
     settings = PlanSettings(**values)
-    for name, value, kind in (
-        ("blend", settings.blend, Blend),
-        ("effort", settings.effort, Effort),
-    ):
-        if value not in get_args(kind):
-            raise UsageError(f"{name} {value!r}: choose one of {', '.join(get_args(kind))}")
+    if settings.blend not in get_args(Blend):
+        blends = ", ".join(get_args(Blend))
+        raise UsageError(f"blend {settings.blend!r}: choose one of {blends}")
+    check_effort(settings.effort)
     limit = settings.time_limit
     if limit is not None and not (isinstance(limit, Real) and 0.0 < limit < math.inf):
         raise UsageError(f"time_limit {limit!r}: must be above 0 s, and finite")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from numbers import Integral
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.records import dataclass
@@ -27,6 +27,16 @@ def check_seed(seed: int) -> None:
     """
     if not (isinstance(seed, Integral) and 0 <= seed <= MAX_SEED):
         raise UsageError(f"seed {seed!r}: must be an integer from 0 to {MAX_SEED}")
+
+
+def check_effort(effort: str) -> None:
+    """Refuse an unknown effort.
+
+    Raises:
+        UsageError: with the allowed ones.
+    """
+    if effort not in get_args(Effort):
+        raise UsageError(f"effort {effort!r}: choose one of {', '.join(get_args(Effort))}")
 
 
 def check_count(name: str, value: int | None) -> None:

@@ -25,7 +25,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.settings import check_count, check_seed
+from dualarm_cli.model.settings import Effort, check_count, check_effort, check_seed
 from dualarm_cli.report import comparisons as members
 from dualarm_cli.studies.document import failure_groups
 from dualarm_cli.studies.rows import StudyRow
@@ -36,7 +36,7 @@ def perturb(
     draws: int = 200,
     *,
     seed: int = 0,
-    effort: str = "normal",
+    effort: Effort = "normal",
     processes: int | None = None,
     cache: str | Path | None = None,
 ) -> members.PerturbationReport:
@@ -52,9 +52,10 @@ def perturb(
 
     Raises:
         InputError: all faults of the files.
-        UsageError: nothing varies, or a number that is not allowed.
+        UsageError: nothing varies, or a value that is not allowed.
     """
     check_type("tasks", tasks, str, PathLike)
+    check_effort(effort)
     check_seed(seed)
     check_count("draws", draws)
     check_count("processes", processes)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
 
 from dualarm_cli import perturb
 from dualarm_cli.cli.run import run
+from dualarm_cli.errors import UsageError
 from dualarm_cli.evaluation.evaluate import evaluate
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.files.tasks.tasks import load_job
@@ -141,6 +143,22 @@ def test_options_of_studies_do_not_go_with_draws(
     """Nothing is planned."""
     assert run(["sweep", "tasks.yaml", *options]) == 2
     assert wanted in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        ({"effort": "fast"}, "effort 'fast': choose one of quick, normal, thorough"),
+        ({"seed": -1}, "seed -1: must be an integer from 0"),
+        ({"draws": 0}, "draws 0: must be an integer from 1"),
+    ],
+)
+def test_values_that_are_not_allowed_are_refused_before_planning(
+    folder: Path, options: dict[str, Any], wanted: str
+) -> None:
+    """As `plan` does."""
+    with pytest.raises(UsageError, match=wanted):
+        perturb("tasks.yaml", **options)
 
 
 def test_a_job_in_which_nothing_varies_is_refused(capsys) -> None:
