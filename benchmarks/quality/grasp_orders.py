@@ -47,7 +47,7 @@ tasks:
 
 
 def random_job(folder: Path, tasks: int, rng: np.random.Generator) -> Job:
-    """Makes a job of pegs that stand apart from each other, picked on one side and placed on the other."""
+    """Make a job of pegs that stand apart from each other, picked on one side and placed on the other."""
     rows = []
     for k in range(tasks):
         row = f"  - {{id: t{k}, arm: left"
@@ -63,7 +63,7 @@ def random_job(folder: Path, tasks: int, rng: np.random.Generator) -> Job:
 
 
 def durations(job: Job, settings: PlanSettings) -> list[float]:
-    """Plans every order with every choice of grasps; impossible ones are left out [s]."""
+    """Plan every order with every choice of grasps [s]; infeasible ones are left out."""
     found = []
     names = [[(t.id, g.grasp.name) for g in t.grasps if g.grasp] for t in job.tasks]
     for choice in itertools.product(*names):
@@ -78,7 +78,7 @@ def durations(job: Job, settings: PlanSettings) -> list[float]:
 
 
 def main() -> None:
-    """Prints the ratio of each job."""
+    """Print the ratio of each job."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--jobs", type=int, default=5)
     parser.add_argument("--tasks", type=int, default=3)
