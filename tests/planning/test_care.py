@@ -10,7 +10,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.part_flow import Care
 from dualarm_cli.model.schedule import Schedule
@@ -113,3 +115,57 @@ def test_only_the_arm_of_a_careful_task_is_slow(tasks_folder: Any) -> None:
             assert share <= speed * (1.0 + 1e-9)
         if name == "right":
             assert share > 0.6
+
+
+def attitudes(schedule: Schedule, arm: str, time: np.ndarray) -> np.ndarray:
+    """Returns the rotations of an arm's tool at instants (n,), shape (n, 3, 3)."""
+    robot = schedule.robot
+    model = pin.buildModelFromXML(robot.urdf)
+    data, rows = model.createData(), []
+    frame = model.getFrameId(robot.arms[arm].flange)
+    order = [schedule.trajectory.joints.index(name) for name in model.names[1:]]
+    for whole in schedule.trajectory.clamped(time)[0]:
+        pin.forwardKinematics(model, data, whole[order])
+        placement = pin.updateFramePlacement(model, data, frame) * robot.arms[arm].tcp
+        rows.append(robot.base.rotation @ placement.rotation)
+    return np.array(rows)
+
+
+def test_parts_lean_as_far_as_the_tool_that_holds_them(
+    flip: Job, quick_plan: Callable[[str], Any]
+) -> None:
+    """Each millisecond, by the axis that is vertical at the pick; the part keeps its attitude at the hand-over."""
+    plan, job = quick_plan("13_hand_over"), careful(flip, holding=Care(tilt=1.0))
+    times = {(e.task, e.action): e for e in plan.events}
+    largest_angle = 0.0
+    for task in {e.task for e in plan.events}:
+        up = np.array([0.0, 0.0, 1.0])
+        for taken, given in (("pick", "give"), ("take", "place")):
+            first, last = times[task, taken], times[task, given]
+            span = np.arange(first.time, last.time + last.dwell, 1e-3)
+            R = attitudes(plan, first.arm, np.append(span, times[task, "take"].time))
+            world = R @ (R[0].T @ up)
+            least = max(float(world[:, 2].min()), -1.0)
+            largest_angle = max(largest_angle, float(np.arccos(least)))
+            up = world[-1]
+    found = check_of(plan, job, "tilt")
+    assert found.measured == pytest.approx(largest_angle, abs=2e-3)
+    assert found.verdict == "failed" and largest_angle > 3.0  # brackets are turned over
+
+
+def test_the_planner_measures_the_same_angles(flip: Job, quick_plan: Callable[[str], Any]) -> None:
+    """At random instants of a plan on a tilted base: the allowed angle less that of the tool."""
+    plan, job = quick_plan("13_hand_over"), careful(flip, holding=Care(tilt=1.0))
+    base = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.zeros(3))
+    job = dataclasses.replace(job, cell=dataclasses.replace(job.cell, base=base))
+    plan = dataclasses.replace(plan, robot=dataclasses.replace(plan.robot, base=base))
+    clearance = CellClearance.of_job(job)
+    time = np.random.default_rng(0).uniform(0.0, plan.duration, 20)
+    position = plan.trajectory.select(job.cell.robot.joints).clamped(time)[0]
+    for a, arm in enumerate(clearance.arms):
+        task = next(task for task in job.tasks if task.arm == arm)
+        held = np.full(len(time), clearance.loads.number(Held(task.tool, task.part).name))
+        world = attitudes(plan, arm, time) @ np.array(task.upright)
+        spare = clearance.spare_tilt(a, position, held)
+        np.testing.assert_allclose(spare, 1.0 - np.arccos(world[:, 2]), atol=1e-6)
+    assert np.isinf(clearance.spare_tilt(0, position, clearance.loads.nothing(len(time)))).all()
