@@ -10,7 +10,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import arctan2
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.part_flow import Care
+from dualarm_cli.model.part_flow import NO_CARE, Care
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
@@ -18,7 +18,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.verification.measuring.tolerances import TOL
 from dualarm_cli.verification.measuring.tool_model import ToolModel
 from dualarm_cli.verification.motion_checks import jerk_fraction, velocity_extrema
-from dualarm_cli.verification.tool_checks import SPEED, Worst, tool_speeds
+from dualarm_cli.verification.tool_checks import Worst, instants, too_long, tool_speeds
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,12 @@ def check_care(schedule: Schedule, job: Job, model: ToolModel) -> list[Check]:
         job: the job as the schedule did it.
         model: forward kinematics of the schedule's robot.
     """
-    spans = list(_spans(schedule, job))
+    spans, where = list(_spans(schedule, job)), too_long(schedule)
     rates, tilt = Worst(), Worst()
+    if where:
+        spans = []
+        rates.add(np.inf, where)
+        tilt.add(np.inf, where)
     for span in spans:
         if span.care.slows:
             value, what = _largest_share(schedule, span, model)
@@ -56,7 +60,7 @@ def check_care(schedule: Schedule, job: Job, model: ToolModel) -> list[Check]:
     for span, leaning, at in _leaning(schedule, spans, model):
         tilt.add(leaning / span.care.tilt, f"{span.arm} at {at:.3f} s ({span.task})")
     named = ((rates, "care", TOL.tool_speed_slack), (tilt, "tilt", TOL.pose_angle))
-    limited = job.slows, any(min(t.care.tilt, t.holding.tilt) < np.inf for t in job.tasks)
+    limited = job.slows, any(task.tilt < np.inf for task in job.tasks)
     return [
         worst.judge(name, 1.0 + slack)
         for (worst, name, slack), listed in zip(named, limited, strict=True)
@@ -78,7 +82,7 @@ def _spans(schedule: Schedule, job: Job) -> Iterator[CareSpan]:
             yield CareSpan(task.arm, min(times), max(times), task.care, task.id, holds=False)
         held = [e for e in events if e.action in ("pick", "take", "place", "give")]
         care = task.care.stricter(task.holding)
-        if len(held) == 2 and care != Care():
+        if len(held) == 2 and care != NO_CARE:
             start, end = held[0].time, held[1].time + held[1].dwell
             yield CareSpan(task.arm, start, end, care, task.id, holds=True)
 
@@ -101,7 +105,7 @@ def _largest_share(schedule: Schedule, span: CareSpan, model: ToolModel) -> tupl
         return worst
     speed = max(
         float(tool_speeds(schedule, model, times, [span.arm])[span.arm].max())
-        for times in _instants(schedule, span)
+        for times in instants(schedule, span.start, span.end)
     )
     return max(worst, (speed / care.tool_speed, f"{span.arm} tool"))
 
@@ -112,14 +116,6 @@ def _cut(trajectory: Trajectory, start: float, end: float) -> Trajectory:
     inside = (trajectory.time > start) & (trajectory.time < end)
     time = np.concatenate([[start], trajectory.time[inside], [end]])
     return Trajectory(trajectory.joints, time, *trajectory.clamped(time))
-
-
-def _instants(schedule: Schedule, span: CareSpan) -> Iterator[FloatArray]:
-    """List the knots and instants at 1 kHz of a span, in blocks [s]."""
-    knots = schedule.trajectory.time
-    inside = knots[(knots > span.start) & (knots < span.end)]
-    times = np.union1d(np.append(np.arange(span.start, span.end, SPEED.step), span.end), inside)
-    yield from np.array_split(times, len(times) // SPEED.block + 1)
 
 
 def _leaning(
@@ -141,7 +137,7 @@ def _leaning(
             up = product(_turn(schedule, model, giver, first), axes[span.task])
         axis = product(_turn(schedule, model, span.arm, first).T, up)
         axes[span.task] = axis
-        for times in _instants(schedule, span):
+        for times in instants(schedule, span.start, span.end):
             R, _ = model.poses(span.arm, schedule.trajectory.clamped(times)[0])
             x, y, z = product(R, axis).T
             angle = arctan2(norm(np.stack([x, y]), axis=0), z)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -50,19 +50,35 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
     if cap is None:
         return not_checked("tool_speed")
     allowed = cap * (1.0 + TOL.tool_speed_slack)
-    trajectory = schedule.trajectory
-    if trajectory.duration > SPEED.longest:
-        where = f"a motion of {trajectory.duration:g} s is too long to check, at most {SPEED.longest:g} s are checked"
+    if where := too_long(schedule):
         return judge("tool_speed", np.inf, allowed, where)
-    # Where acceleration jumps, the fastest instant is a knot.
-    uniform = np.arange(trajectory.time[0], trajectory.time[-1], SPEED.step)
-    times = np.union1d(uniform, trajectory.time)
-    worst = Worst()
-    for block in np.array_split(times, len(times) // SPEED.block + 1):
+    worst, time = Worst(), schedule.trajectory.time
+    for block in instants(schedule, float(time[0]), float(time[-1])):
         for arm, speed in tool_speeds(schedule, model, block, schedule.robot.arms).items():
             k = int(np.argmax(speed))
             worst.add(float(speed[k]), f"{arm} tool at {block[k]:.3f} s")
     return worst.judge("tool_speed", allowed)
+
+
+def too_long(schedule: Schedule) -> str:
+    """Describe a motion too long to measure at 1 kHz, or return an empty text."""
+    duration = schedule.trajectory.duration
+    if duration <= SPEED.longest:
+        return ""
+    return (
+        f"a motion of {duration:g} s is too long to check, at most {SPEED.longest:g} s are checked"
+    )
+
+
+def instants(schedule: Schedule, start: float, end: float) -> Iterator[FloatArray]:
+    """List the knots and instants at 1 kHz of a span, in blocks [s].
+
+    Where acceleration jumps, the fastest instant is a knot.
+    """
+    knots = schedule.trajectory.time
+    inside = knots[(knots > start) & (knots < end)]
+    times = np.union1d(np.append(np.arange(start, end, SPEED.step), end), inside)
+    yield from np.array_split(times, len(times) // SPEED.block + 1)
 
 
 def tool_speeds(

@@ -18,7 +18,7 @@ from dualarm_cli.model.part_flow import Care
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.verification import verify
+from dualarm_cli.verification import tool_checks, verify
 
 CARE = Care(speed=0.5, acceleration=0.8, tool_speed=0.5)
 STEP = 2e-4
@@ -169,3 +169,15 @@ def test_the_planner_measures_the_same_angles(flip: Job, quick_plan: Callable[[s
         spare = clearance.spare_tilt(a, position, held)
         np.testing.assert_allclose(spare, 1.0 - np.arccos(world[:, 2]), atol=1e-6)
     assert np.isinf(clearance.spare_tilt(0, position, clearance.loads.nothing(len(time)))).all()
+
+
+def test_a_motion_too_long_to_measure_fails(
+    flip: Job, quick_plan: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without measuring it: a bound below the plan's length stands for a plan of hours."""
+    plan, job = quick_plan("13_hand_over"), careful(flip, holding=Care(speed=0.999, tilt=1.0))
+    shorter = dataclasses.replace(tool_checks.SPEED, longest=1.0)
+    monkeypatch.setattr(tool_checks, "SPEED", shorter)
+    for name in ("care", "tilt"):
+        check = check_of(plan, job, name)
+        assert check.verdict == "failed" and "is too long to check" in check.detail
