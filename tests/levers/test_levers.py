@@ -6,11 +6,13 @@ import json
 import pickle
 import shutil
 from collections.abc import Callable, Iterator, Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
+from rich.console import Console
 
 from dualarm_cli.cli.run import run
 from dualarm_cli.errors import UsageError
@@ -28,6 +30,7 @@ from dualarm_cli.levers.replanning import Replanner, merged, replan
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.report.comparison.why_table import combinations_table
 from dualarm_cli.schemas.kinds_of_files import result_schema
 from dualarm_cli.schemas.result_fields import RESULTS
 
@@ -192,7 +195,31 @@ def test_the_command_prints_its_document(
     estimates = [row["estimate"] for row in document["levers"] if row["estimate"] is not None]
     assert estimates == sorted(estimates, reverse=True)
     assert run([*arguments, "-v"]) == 0
-    assert max(map(len, capsys.readouterr().out.splitlines())) <= 120
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 120
+    assert "slack of others ms" in printed
+    assert "-0.0 " not in printed
+
+
+def test_levers_together_fit_in_80_columns() -> None:
+    """Three long names, one a line; no plan where the levers do not go together."""
+    names = ["approach and retract", "acceleration of the platform", "frame tray_right: yaw"]
+    document = {
+        "cycle_time": 10.0,
+        "levers": [{"name": name, "change": "80 mm to 40 mm"} for name in names],
+        "combinations": [
+            {"levers": [0, 1, 2], "cycle_time": 7.5, "gain": 2.5},
+            {"levers": [0, 2], "cycle_time": None, "gain": None},
+        ],
+    }
+    console = Console(file=StringIO(), width=120)
+    console.print(combinations_table(document))
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert max(map(len, lines)) <= 80
+    assert sum("80 mm to 40 mm" in line for line in lines) == 5
+    [first] = [line.split("│")[2:5] for line in lines if "7.500" in line]
+    assert [cell.strip() for cell in first] == ["7.500", "2.500", "25.0"]
+    assert sum("no plan" in line for line in lines) == 1
 
 
 @pytest.mark.parametrize("name", ["04_packing", "09_yumi", "13_hand_over"])

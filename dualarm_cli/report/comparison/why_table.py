@@ -45,12 +45,10 @@ def levers_table(document: Mapping[str, Any], every: bool = False) -> Table:
     heads = numbers("estimate s", "gain s", "%", no_wrap=True)
     table = Table("lever", "change", *heads, title=title, title_justify="left")
     for row in shown:
-        estimate = "?" if row["estimate"] is None else f"{row['estimate']:.3f}"
-        gain = "no plan" if row["status"] else ""
-        if row["gain"] is not None:
-            gain = f"{row['gain']:.3f}"
+        estimate = _number(row["estimate"], 3, "?")
+        gain = _number(row["gain"], 3, "no plan" if row["status"] else "")
         best = row["gain"] if row["gain"] is not None else row["estimate"]
-        share = "" if best is None else f"{100.0 * best / document['cycle_time']:.1f}"
+        share = _number(best and 100.0 * best / document["cycle_time"], 1)
         style = "green" if row["gain"] is not None and row["gain"] > 0.0 else ""
         table.add_row(
             escape(row["name"]), escape(row["change"]), estimate, gain, share, style=style
@@ -58,29 +56,32 @@ def levers_table(document: Mapping[str, Any], every: bool = False) -> Table:
     return table
 
 
+def _number(value: float | None, digits: int, missing: str = "") -> str:
+    """Format a number without a sign before zeros."""
+    return missing if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
+
+
 def _is_shown(row: Mapping[str, Any]) -> bool:
     return bool(row["status"]) or (row["estimate"] or 0.0) > 0.0
 
 
 def combinations_table(document: Mapping[str, Any]) -> Table:
-    """Build the table of levers together."""
+    """Build the table of levers together, each lever on its own line."""
     heads = numbers("cycle s", "gain s", "%", no_wrap=True)
     title = "together, re-planned and verified"
     table = Table("levers", *heads, title=title, title_justify="left")
     levers = document["levers"]
     for row in document["combinations"]:
-        names = ", ".join(f"{levers[k]['name']} {levers[k]['change']}" for k in row["levers"])
-        if row["gain"] is None:
-            table.add_row(escape(names), "no plan", "", "")
-            continue
-        share = f"{100.0 * row['gain'] / document['cycle_time']:.1f}"
-        table.add_row(escape(names), f"{row['cycle_time']:.3f}", f"{row['gain']:.3f}", share)
+        names = "\n".join(f"{levers[k]['name']} {levers[k]['change']}" for k in row["levers"])
+        share = row["gain"] and 100.0 * row["gain"] / document["cycle_time"]
+        cells = _number(row["cycle_time"], 3, "no plan"), _number(row["gain"], 3), _number(share, 1)
+        table.add_row(escape(names), *cells)
     return table
 
 
 def stages_table(document: Mapping[str, Any]) -> Table:
     """Build the table of stages: what decides each, and the slack of the others."""
-    table = Table("stage", *numbers("start s"), "decided by", "slack of others [ms]")
+    table = Table("stage", *numbers("start s"), "decided by", "slack of others ms")
     pieces = document["pieces"]
     chain = [
         pieces[link["piece"]] for link in document["critical_path"] if link["piece"] is not None
