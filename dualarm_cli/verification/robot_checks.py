@@ -76,7 +76,8 @@ def _differences_from_job(stated: ScheduleRobot, actual: ScheduleRobot) -> Itera
     if stated.tool_speed is not None and stated.tool_speed != actual.tool_speed:
         own_speed = "none" if actual.tool_speed is None else f"{actual.tool_speed:g}"
         yield f"tool_speed: {stated.tool_speed:g}; the job's is {own_speed}"
-    yield from _limits(stated.limits, actual.limits.select(stated.limits.joints))
+    shared = [joint for joint in stated.limits.joints if joint in actual.limits.joints]
+    yield from _limits(stated.limits.select(shared), actual.limits.select(shared))
 
 
 def _joints(
@@ -94,7 +95,7 @@ def _joints(
 
 
 def _limits(stated: JointLimits, actual: JointLimits) -> Iterator[str]:
-    is_stated = np.array([source != "unstated" for source in stated.source])
+    is_stated = np.array([source != "unstated" for source in stated.source], dtype=bool)
     for quantity in ("lower", "upper", "velocity", "acceleration", "jerk"):
         values, actual_values = getattr(stated, quantity), getattr(actual, quantity)
         same = np.isclose(values, actual_values, rtol=TOL.same_stated, atol=0.0)
