@@ -342,7 +342,7 @@ def _page_of_both(
 
     shown = []
     for side, schedule, path in zip("AB", plans, paths, strict=True):
-        job = load(tasks_of(schedule, path if path.is_dir() else path.parent))
+        job = load(tasks_of(schedule, path))
         plan = Plan.judged(job, schedule)
         data = page_data(plan.schedule, job, plan.report)
         shown.append(data | {"title": f"{side}: {data['title']}"})

@@ -107,7 +107,7 @@ def export_command(
     folder = Path(out) if out is not None else home / to.value
     job = None
     if FORMATS[to.value].needs_job or tasks is not None:
-        job = load_job(tasks if tasks is not None else tasks_of(read_schedule(plan), home))
+        job = load_job(tasks if tasks is not None else tasks_of(read_schedule(plan), plan))
     refuse_folder(str(folder) if out is None else out, (EXPORT_REPORT,), force)
     made = export(
         plan,

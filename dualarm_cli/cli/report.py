@@ -55,7 +55,7 @@ def report_command(
         refuse_video(video)
     schedule = read_schedule(plan)
     folder = plan if plan.is_dir() else plan.parent
-    file = tasks if tasks is not None else tasks_of(schedule, folder)
+    file = tasks if tasks is not None else tasks_of(schedule, plan)
     job = load(file)
     if (robot := check_robot(schedule, job)).verdict == "failed":
         raise UsageError(f"{plan}: is of another robot than {file}: {robot.detail}")
@@ -94,10 +94,14 @@ def _write_video(page: Path, video: Path, quiet: bool) -> None:
         print_message(f"written: {video}")
 
 
-def tasks_of(schedule: Schedule, folder: Path) -> Path:
+def tasks_of(schedule: Schedule, plan: Path) -> Path:
     """Find the original task file of a schedule.
 
     It is searched by its name within the project, here, above and around the plan, and among the bundled jobs.
+
+    Args:
+        schedule: the plan.
+        plan: its folder or file.
 
     Raises:
         UsageError: it is not there, or has been changed since.
@@ -110,8 +114,8 @@ def tasks_of(schedule: Schedule, folder: Path) -> Path:
         raise UsageError(
             "the task file of the plan is not found: its name leads elsewhere; name it with --tasks"
         )
-    current, plan_folder = Path.cwd(), folder.absolute()
-    places = (current, *current.parents, plan_folder, *plan_folder.parents)
+    current, plan = Path.cwd(), plan.absolute()
+    places = (current, *current.parents, plan, *plan.parents)
     files = [place / name for place in places if name and (place / name).is_file()]
     for file in (*files, *bundled_tasks().values()):
         with suppress(InputError):

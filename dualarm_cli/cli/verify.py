@@ -250,7 +250,7 @@ def verify_command(
 
         allowed = tracking_limits(tracking_error, tool_error, delay)
         planned = read_schedule(plan)
-        file = tasks or tasks_of(planned, plan if plan.is_dir() else plan.parent)
+        file = tasks or tasks_of(planned, plan)
         allowed = replace(allowed, clearance=clearance is not False)
         tracking = judged_log(
             schedule, planned, file, interpolation.value, allowed, as_planned=as_planned
@@ -284,7 +284,7 @@ def _job_of(path: Path, tasks: Path | None, *, needed: bool, quiet: bool) -> Job
     from dualarm_cli.interface import load
 
     try:
-        file = tasks or tasks_of(read_schedule(path), path if path.is_dir() else path.parent)
+        file = tasks or tasks_of(read_schedule(path), path)
     except UsageError as error:
         if needed:
             raise UsageError(
