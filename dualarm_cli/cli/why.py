@@ -64,19 +64,10 @@ def why_command(
 
     Gains of all levers are estimated from the plan; the largest are re-planned and verified, also together.
     """
-    from dualarm_cli.exporting.schedule_reader import read_schedule
-    from dualarm_cli.files.source.bundled import task_file
-    from dualarm_cli.interface import load
-    from dualarm_cli.levers.estimates import estimated_levers
-
     if apply is not None and os.path.lexists(apply) and not force:
         raise OutputError(f"--apply {apply}: exists; add --force to write into it, or name another")
     seconds = 0.0 if budget in ("0", "0 s") else read_duration("--budget", budget)
-    schedule = read_schedule(plan)
-    folder = plan if plan.is_dir() else plan.parent
-    file = tasks_of(schedule, folder) if tasks is None else task_file(tasks)[0]
-    job = load(file)
-    estimates = estimated_levers(schedule, job, file)
+    schedule, job, file, estimates = _estimated(plan, tasks)
     replanned: list[Replanned] = []
     if seconds != 0.0:
         store = open_store(cache, no_cache)
@@ -90,10 +81,37 @@ def why_command(
         print_lines(stdout_console(), *document["sentences"][-1:])
     else:
         _print(document, details)
-    write_why(folder, document)
+    write_why(plan if plan.is_dir() else plan.parent, document)
     if apply is not None:
         required = None if job.budget is None else job.budget.cycle_time
         _apply(Path(apply), file, replanned, required, quiet or json_output)
+
+
+def _estimated(plan: Path, tasks: Path | None) -> tuple[Schedule, Job, Path, list[Estimate]]:
+    """Read a plan, its job and its task file, and estimate its levers.
+
+    Raises:
+        UsageError: the plan is of another job.
+    """
+    from dualarm_cli.exporting.schedule_reader import read_schedule
+    from dualarm_cli.files.source.bundled import task_file
+    from dualarm_cli.interface import load
+    from dualarm_cli.levers.estimates import estimated_levers
+    from dualarm_cli.verification.robot_checks import check_robot
+
+    schedule = read_schedule(plan)
+    file = tasks_of(schedule, plan) if tasks is None else task_file(tasks)[0]
+    job = load(file)
+    if (robot := check_robot(schedule, job)).verdict == "failed":
+        raise UsageError(f"{plan}: is of another robot than {file}: {robot.detail}")
+    known = job.stops_by_key()
+    for event in schedule.events:
+        if (event.arm, event.task, event.action) not in known:
+            stop = f"{event.task} ({event.action}) of the {event.arm} arm"
+            raise UsageError(
+                f"{plan}: is of another job than {file}, which lacks {stop}; name its own: --tasks"
+            )
+    return schedule, job, file, estimated_levers(schedule, job, file)
 
 
 def _apply(
@@ -142,14 +160,7 @@ def write_why(folder: Path, document: dict[str, Any]) -> None:
 
 def estimates_of(folder: Path, tasks: Path) -> None:
     """Write the document of a plan that was just made, with estimates alone."""
-    from dualarm_cli.exporting.schedule_reader import read_schedule
-    from dualarm_cli.files.source.bundled import task_file
-    from dualarm_cli.interface import load
-    from dualarm_cli.levers.estimates import estimated_levers
-
-    schedule, file, job = read_schedule(folder), task_file(tasks)[0], load(tasks)
-    estimates = estimated_levers(schedule, job, file)
-    write_why(folder, why_of(schedule, job, file, estimates, []))
+    write_why(folder, why_of(*_estimated(folder, tasks), []))
 
 
 def _replanned(

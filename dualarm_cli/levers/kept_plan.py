@@ -113,7 +113,7 @@ class KeptPlan:
     @property
     def is_modelled(self) -> bool:
         """Whether the times of lines and transfers are modelled; paths and seams keep theirs."""
-        return not self.job.moves and self.times is not None
+        return not self.job.moves
 
     @cached_property
     def _slowed(self) -> np.ndarray:

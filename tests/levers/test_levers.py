@@ -201,6 +201,16 @@ def test_the_command_prints_its_document(
     assert "-0.0 " not in printed
 
 
+def test_the_plan_of_another_job_is_refused(
+    planned_files: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same robot with other tasks, and another robot."""
+    plan = str(planned_files("01_first_pick"))
+    for name, words in (("04_packing", "another job than"), ("09_yumi", "another robot than")):
+        assert run(["why", plan, "--tasks", name, "--budget", "0"]) == 2
+        assert words in capsys.readouterr().err
+
+
 def test_levers_together_fit_in_80_columns() -> None:
     """Three long names, one a line; no plan where the levers do not go together."""
     names = ["approach and retract", "acceleration of the platform", "frame tray_right: yaw"]
