@@ -104,12 +104,12 @@ def _estimated(plan: Path, tasks: Path | None) -> tuple[Schedule, Job, Path, lis
     job = load(file)
     if (robot := check_robot(schedule, job)).verdict == "failed":
         raise UsageError(f"{plan}: is of another robot than {file}: {robot.detail}")
-    known = job.stops_by_key()
+    stops = job.stops_by_key()
     for event in schedule.events:
-        if (event.arm, event.task, event.action) not in known:
-            stop = f"{event.task} ({event.action}) of the {event.arm} arm"
+        if (event.arm, event.task, event.action) not in stops:
+            absent = f"{event.task} ({event.action}) of the {event.arm} arm"
             raise UsageError(
-                f"{plan}: is of another job than {file}, which lacks {stop}; name its own: --tasks"
+                f"{plan}: is of another job than {file}, which lacks {absent}; name its own: --tasks"
             )
     return schedule, job, file, estimated_levers(schedule, job, file)
 
