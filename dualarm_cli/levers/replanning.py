@@ -20,6 +20,9 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.records import dataclass
 
 SETTINGS = ("timing", "blend", "effort", "seed")
+"""Settings that every request states."""
+NAMED = ("platform", "follower", "seam_solver", "redundancy")
+"""Settings that a request states if they differ from the defaults; `redundancy` names any of the last three."""
 
 
 @dataclass(frozen=True)
@@ -104,10 +107,11 @@ def merged(levers: Sequence[Lever]) -> dict[str, Any]:
 
 def request_of(schedule: Schedule, tasks: Path, case: str) -> Request:
     """Build the request that plans a job with the settings of a schedule."""
-    recorded, default = schedule.provenance.settings, PlanSettings()
+    recorded, default = schedule.provenance.settings, PlanSettings().as_dict()
     chosen: dict[str, Any] = {name: recorded[name] for name in SETTINGS}
-    if recorded["platform"] != default.platform:
-        chosen["platform"] = recorded["platform"]
+    named = {name: recorded[name] for name in NAMED if recorded[name] != default[name]}
+    methods = [name for setting, name in named.items() if setting != "platform"]
+    chosen |= {"platform": named.get("platform"), "redundancy": next(iter(methods), None)}
     return Request.of(tasks, case, **chosen)
 
 

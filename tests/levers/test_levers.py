@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jsonschema
@@ -16,6 +17,7 @@ from rich.console import Console
 
 from dualarm_cli.cli.run import run
 from dualarm_cli.errors import UsageError
+from dualarm_cli.evaluation.evaluate import settings_of
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.exporting.whole_files import replace_all
 from dualarm_cli.files.source.overrides import Overrides
@@ -26,10 +28,11 @@ from dualarm_cli.levers.applying import applied
 from dualarm_cli.levers.changes import Lever, levers
 from dualarm_cli.levers.document import best_set, sentences
 from dualarm_cli.levers.estimates import Estimate, estimated_levers
-from dualarm_cli.levers.replanning import Replanner, merged, replan
+from dualarm_cli.levers.replanning import Replanner, merged, replan, request_of
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.report.comparison.why_table import combinations_table
 from dualarm_cli.schemas.kinds_of_files import result_schema
 from dualarm_cli.schemas.result_fields import RESULTS
@@ -129,6 +132,19 @@ def planner(limit: float | None = None) -> Replanner:
             yield k, Evaluation(request.case, "planned", cycle_time=cycle(request))
 
     return Replanner(Plan(), Request("tasks.yaml", "/tasks.yaml"), answered, None, limit)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("redundancy", [None, "arm_angle", "numeric", "min_norm", "still"])
+@pytest.mark.parametrize("platform", ["sequence", "fixed"])
+def test_levers_are_planned_with_the_settings_of_the_plan(
+    platform: str, redundancy: str | None
+) -> None:
+    """A plan's record of its settings gives the settings that made it."""
+    chosen = PlanSettings(timing="trapezoid", blend="none", effort="quick", seed=3)
+    settings = with_redundancy(chosen.naming(platform=platform), redundancy).as_dict()
+    recorded: Any = SimpleNamespace(provenance=SimpleNamespace(settings=settings))
+    request = request_of(recorded, Path("tasks.yaml"), "tasks.yaml")
+    assert settings_of(request).as_dict() == settings
 
 
 ESTIMATES = [
