@@ -91,15 +91,20 @@ def _estimated(plan: Path, tasks: Path | None) -> tuple[Schedule, Job, Path, lis
     """Read a plan, its job and its task file, and estimate its levers.
 
     Raises:
-        UsageError: the plan is of another job.
+        UsageError: the plan is of another job, or does not state its settings.
     """
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.files.source.bundled import task_file
     from dualarm_cli.interface import load
     from dualarm_cli.levers.estimates import estimated_levers
+    from dualarm_cli.model.settings import PlanSettings
     from dualarm_cli.verification.robot_checks import check_robot
 
     schedule = read_schedule(plan)
+    if not PlanSettings().as_dict().keys() <= schedule.provenance.settings.keys():
+        raise UsageError(
+            f"{plan}: does not state the settings of its plan; plan the job again with dualarm"
+        )
     file = tasks_of(schedule, plan) if tasks is None else task_file(tasks)[0]
     job = load(file)
     if (robot := check_robot(schedule, job)).verdict == "failed":

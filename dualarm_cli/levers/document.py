@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dualarm_cli import __version__
-from dualarm_cli.levers.changes import Lever
 from dualarm_cli.levers.estimates import Estimate
 from dualarm_cli.levers.replanning import Replanned
 from dualarm_cli.levers.stops import PartialLever
@@ -63,7 +62,7 @@ def why_document(
             {
                 "levers": [place[name] for name in result.names],
                 "status": result.evaluation.status,
-                "cycle_time": result.evaluation.cycle_time if result.gain is not None else None,
+                "cycle_time": result.cycle_time,
                 "gain": result.gain,
             }
             for result in together
@@ -105,8 +104,7 @@ def _piece(path: CriticalPath, k: int) -> members.WhyPiece:
 def _lever(
     estimate: Estimate, result: Replanned | None, stops: Sequence[PartialLever]
 ) -> members.WhyLever:
-    lever: Lever = estimate.lever
-    has_plan = result is not None and result.gain is not None
+    lever = estimate.lever
     return {
         "name": lever.name,
         "change": lever.change,
@@ -115,7 +113,7 @@ def _lever(
         "estimate": estimate.gain,
         "reason": estimate.reason,
         "status": "" if result is None else result.evaluation.status,
-        "cycle_time": result.evaluation.cycle_time if result is not None and has_plan else None,
+        "cycle_time": None if result is None else result.cycle_time,
         "gain": None if result is None else result.gain,
         "stops": [
             {"share": stop.share, "change": stop.lever.change, "estimate": stop.gain}
@@ -139,7 +137,7 @@ def best_set(replanned: Sequence[Replanned], required: float | None) -> Replanne
     meets = [
         result
         for result in usable
-        if required is not None and (result.evaluation.cycle_time or 0.0) <= required
+        if required is not None and (result.cycle_time or 0.0) <= required
     ]
     if meets:
         return min(meets, key=lambda result: (len(result.levers), result.gain or 0.0))
@@ -155,7 +153,7 @@ def sentences(
     if required is not None and schedule.duration <= required:
         words.append(f"the budget of {required:g} s is met: {schedule.duration:.3f} s")
     if best is not None:
-        time = best.evaluation.cycle_time or 0.0
+        time = best.cycle_time or 0.0
         *first, last = best.names
         levers = f"{', '.join(first)} and {last}" if first else last
         both = " together" if len(best.levers) > 1 else ""

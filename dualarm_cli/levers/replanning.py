@@ -48,8 +48,18 @@ class Replanned:
     """The levers."""
     evaluation: Evaluation
     """Result of the changed job."""
-    gain: float | None
-    """Cycle time gained over the plan [s]; None without a verified plan."""
+    before: float
+    """Cycle time of the plan that it is compared with [s]."""
+
+    @property
+    def gain(self) -> float | None:
+        """Cycle time gained over the plan [s]; None without a verified plan."""
+        return None if self.cycle_time is None else self.before - self.cycle_time
+
+    @property
+    def cycle_time(self) -> float | None:
+        """Cycle time [s]; None without a verified plan."""
+        return self.evaluation.cycle_time if self.evaluation.has_plan else None
 
     @property
     def names(self) -> list[str]:
@@ -90,10 +100,8 @@ class Replanner:
             requests = [replace(self.request, overrides=merged(levers)) for levers in now]
             by_index: dict[int, Replanned] = {}
             for answer in answers(requests, self.run, self.store):
-                evaluation = answer.evaluation
-                time = evaluation.cycle_time if evaluation.has_plan else None
-                gain = None if time is None else self.schedule.duration - time
-                by_index[answer.index] = Replanned(now[answer.index], evaluation, gain)
+                result = Replanned(now[answer.index], answer.evaluation, self.schedule.duration)
+                by_index[answer.index] = result
                 self.tell(len(self.results) + len(fresh) + len(by_index), "")
             fresh += [by_index[k] for k in sorted(by_index)]
         self.results += fresh
@@ -115,18 +123,15 @@ def request_of(schedule: Schedule, tasks: Path, case: str) -> Request:
     return Request.of(tasks, case, **chosen)
 
 
-def replan(
-    replanner: Replanner, estimates: Sequence[Estimate], target: float | None
-) -> list[Replanned]:
+def replan(replanner: Replanner, estimates: Sequence[Estimate], target: float | None) -> None:
     """Plan the largest levers by themselves, then the best of them together.
+
+    All results are in the replanner.
 
     Args:
         replanner: plans changed jobs.
         estimates: of all levers, largest first.
         target: cycle time that is required [s], or None.
-
-    Returns:
-        Combinations, shortest cycle first; single levers are among the results of the replanner.
     """
     cell = [e for e in estimates if e.lever.kind != "robot"]
     free = _whole([e.lever for e in cell if e.gain is not None and e.gain > 0.0])
@@ -147,8 +152,7 @@ def replan(
     if target is not None:
         needed = replanner.schedule.duration - target
         sets = [*_least(usable, gains, needed), *sets]
-    together = replanner.plan(sets)
-    return sorted(together, key=lambda result: -(result.gain or 0.0))
+    replanner.plan(sets)
 
 
 def _whole(levers: Sequence[Lever]) -> list[Lever]:

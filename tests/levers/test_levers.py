@@ -189,7 +189,7 @@ def test_the_fewest_levers_that_meet_the_budget_are_chosen(
 def test_nothing_is_begun_after_the_budget() -> None:
     """An instant that has passed."""
     replanner = planner(0.0)
-    assert replan(replanner, ESTIMATES, None) == []
+    replan(replanner, ESTIMATES, None)
     assert replanner.results == []
 
 
@@ -218,13 +218,19 @@ def test_the_command_prints_its_document(
 
 
 def test_the_plan_of_another_job_is_refused(
-    planned_files: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+    planned_files: Callable[[str], Path], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """The same robot with other tasks, and another robot."""
+    """The same robot with other tasks, another robot, and a schedule of unknown settings."""
     plan = str(planned_files("01_first_pick"))
     for name, words in (("04_packing", "another job than"), ("09_yumi", "another robot than")):
         assert run(["why", plan, "--tasks", name, "--budget", "0"]) == 2
         assert words in capsys.readouterr().err
+    shutil.copytree(plan, tmp_path / "foreign")
+    document = json.loads((tmp_path / "foreign" / "schedule.json").read_text())
+    document["provenance"]["settings"] = {}
+    (tmp_path / "foreign" / "schedule.json").write_text(json.dumps(document))
+    assert run(["why", str(tmp_path / "foreign"), "--tasks", "01_first_pick"]) == 2
+    assert "does not state the settings" in capsys.readouterr().err
 
 
 def test_levers_together_fit_in_80_columns() -> None:
