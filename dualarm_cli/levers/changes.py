@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal
 
 from dualarm_cli.files.source.amounts import read_amount, scaled, shifted
+from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.quantities import QuantityError
-from dualarm_cli.files.source.value_paths import to_pointer, value_at
+from dualarm_cli.files.source.value_paths import PathError, from_pointer, to_pointer, value_at
 from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.studies.studies import job_documents
 from dualarm_cli.model.study import Amount
 from dualarm_cli.records import dataclass
 
@@ -78,6 +81,33 @@ class Lever:
     def __str__(self) -> str:
         """Name the lever with its change."""
         return f"{self.name} {self.change}"
+
+
+def documents_of(tasks: Path) -> dict[str, Document]:
+    """Read the files of a job by role.
+
+    Args:
+        tasks: the task file.
+
+    Raises:
+        InputError: the task file cannot be read.
+    """
+    return job_documents(Project.of(tasks), tasks, tasks.name)
+
+
+def value_of(documents: Mapping[str, Document], key: str) -> Any:
+    """Look up the value that a lever changes; None where the file has none.
+
+    Args:
+        documents: files of the job by role.
+        key: role and JSON pointer.
+    """
+    role, _, pointer = key.partition(":")
+    data = documents[role].data
+    try:
+        return value_at(data, from_pointer(data, pointer))
+    except PathError:
+        return None
 
 
 def levers(documents: Mapping[str, Document]) -> list[Lever]:

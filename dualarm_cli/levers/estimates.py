@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from dualarm_cli.errors import DualArmError
-from dualarm_cli.files.source.projects import Project
-from dualarm_cli.files.studies.studies import job_documents
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.dynamics import limits_torques
-from dualarm_cli.levers.changes import CLEARANCE, MASS, Lever, levers
+from dualarm_cli.levers.changes import CLEARANCE, MASS, Lever, documents_of, levers
 from dualarm_cli.levers.kept_plan import KeptPlan
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
@@ -42,8 +40,7 @@ def estimated_levers(schedule: Schedule, job: Job, tasks: Path) -> list[Estimate
         job: its job.
         tasks: its task file.
     """
-    documents = job_documents(Project.of(tasks), tasks, tasks.name)
-    candidates = [lever for lever in levers(documents) if _matters(lever, schedule, job)]
+    candidates = [lever for lever in levers(documents_of(tasks)) if _matters(lever, schedule, job)]
     return _ranked(estimated(schedule, job, tasks, candidates))
 
 

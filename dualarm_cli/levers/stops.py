@@ -14,11 +14,8 @@ import numpy as np
 
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.files.source.amounts import in_unit, read_amount
-from dualarm_cli.files.source.projects import Project
-from dualarm_cli.files.source.value_paths import PathError, from_pointer, value_at
 from dualarm_cli.files.source.yaml_source import Document
-from dualarm_cli.files.studies.studies import job_documents
-from dualarm_cli.levers.changes import Lever, changed_by
+from dualarm_cli.levers.changes import Lever, changed_by, documents_of, value_of
 from dualarm_cli.levers.estimates import Estimate, lengths_under
 from dualarm_cli.levers.kept_plan import KeptPlan
 from dualarm_cli.model.job import Job
@@ -69,7 +66,7 @@ def estimated_stops(
     Returns:
         Stops in order of their shares, by name and change of the lever.
     """
-    kept, documents = KeptPlan(schedule, job), job_documents(Project.of(tasks), tasks, tasks.name)
+    kept, documents = KeptPlan(schedule, job), documents_of(tasks)
     gaining = [e for e in estimates if (e.gain or 0.0) > 0.0 and e.lever.kind != "robot"]
     stops: dict[str, list[PartialLever]] = {}
     for estimate in gaining[: STOPS.sliders]:
@@ -108,18 +105,14 @@ def part(lever: Lever, documents: Mapping[str, Document], share: float) -> Lever
     values: dict[str, Any] = {}
     pairs = []
     for key, new in lever.values.items():
-        role, _, pointer = key.partition(":")
-        data = documents[role].data
-        try:
-            old = value_at(data, from_pointer(data, pointer))
-        except (PathError, KeyError):
-            old = [0] * len(new) if isinstance(new, list) else 0
+        old = value_of(documents, key)
         if isinstance(new, list):
+            old = [0] * len(new) if old is None else old
             values[key] = [_between(a, b, share)[1].written for a, b in zip(old, new, strict=True)]
         else:
-            start, value = _between(old, new, share)
+            start, value = _between(0 if old is None else old, new, share)
             values[key] = value.written
-            pairs.append((pointer.rpartition("/")[2], start, value))
+            pairs.append((key.rpartition("/")[2], start, value))
     if lever.kind == "layout":
         step = read_amount(lever.change.lstrip("+"))
         change = f"{step.number * share:+g} {step.unit}"

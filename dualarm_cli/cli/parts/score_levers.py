@@ -24,21 +24,13 @@ if TYPE_CHECKING:
 
 def numbers_of(tasks: str) -> dict[str, Any]:
     """Read the values that levers of task and cell file change, by role and JSON pointer."""
-    from dualarm_cli.files.source.projects import Project
-    from dualarm_cli.files.source.value_paths import PathError, from_pointer, value_at
-    from dualarm_cli.files.studies.studies import job_documents
-    from dualarm_cli.levers.changes import levers
+    from dualarm_cli.levers.changes import documents_of, levers, value_of
 
-    documents = job_documents(Project.of(Path(tasks)), Path(tasks), tasks)
+    documents = documents_of(Path(tasks))
     numbers: dict[str, Any] = {}
     for lever in levers(documents):
         for key in lever.values if lever.kind != "robot" else ():
-            role, _, pointer = key.partition(":")
-            data = documents[role].data
-            try:
-                value = value_at(data, from_pointer(data, pointer))
-            except (PathError, LookupError):
-                continue
+            value = value_of(documents, key)
             if isinstance(value, int | float | str):
                 numbers[key] = value
     return dict(sorted(numbers.items()))
@@ -87,10 +79,8 @@ def _estimated(
     """Estimate the levers that set changed numbers back, and all others; select the largest of each."""
     from dualarm_cli.exporting.files import URDF
     from dualarm_cli.exporting.schedule_reader import read_schedule
-    from dualarm_cli.files.source.projects import Project
-    from dualarm_cli.files.studies.studies import job_documents
     from dualarm_cli.interface import load
-    from dualarm_cli.levers.changes import levers
+    from dualarm_cli.levers.changes import documents_of, levers
     from dualarm_cli.levers.estimates import estimated, estimated_levers
 
     job = load(tasks)
@@ -98,10 +88,8 @@ def _estimated(
         (Path(folder) / "schedule.json").write_text(evaluation.schedule, encoding="utf-8")
         (Path(folder) / URDF).write_text(job.cell.robot.urdf, encoding="utf-8")
         schedule = read_schedule(folder)
-    every = levers(job_documents(Project.of(tasks), tasks, tasks.name))
-    set_back = estimated(
-        schedule, job, tasks, _set_back(every, before.numbers, numbers_of(str(tasks)))
-    )
+    back = _set_back(levers(documents_of(tasks)), before.numbers, numbers_of(str(tasks)))
+    set_back = estimated(schedule, job, tasks, back)
     # A number that makes the plan faster did not make it slower; another order is not estimated.
     suspects = [e for e in set_back if e.gain is None or e.gain > 0.0]
     made_by = max(suspects, key=lambda e: e.gain or 0.0, default=None)

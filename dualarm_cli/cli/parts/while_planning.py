@@ -234,9 +234,12 @@ class Replanning:
         if not self._busy.acquire(blocking=False):
             return {"error": "a plan is being made: try again when it is shown"}
         try:
-            return self._planned([(str(name), float(share)) for name, share in request["levers"]])
-        except (DualArmError, LookupError, TypeError, ValueError) as error:
-            return {"error": str(error) or "not a request for levers"}
+            chosen = [(str(name), float(share)) for name, share in request["levers"]]
+            return self._planned(chosen)
+        except DualArmError as error:
+            return {"error": str(error)}
+        except (LookupError, TypeError, ValueError):
+            return {"error": "no levers of this plan: reload the page, and choose again"}
         finally:
             self._busy.release()
 
@@ -244,14 +247,12 @@ class Replanning:
         from dualarm_cli.cli.parts.evaluating import evaluators
         from dualarm_cli.evaluation.request import case_name
         from dualarm_cli.exporting.schedule_reader import read_schedule
-        from dualarm_cli.files.source.projects import Project
-        from dualarm_cli.files.studies.studies import job_documents
-        from dualarm_cli.levers.changes import levers
+        from dualarm_cli.levers.changes import documents_of, levers
         from dualarm_cli.levers.replanning import Replanner, request_of
         from dualarm_cli.levers.stops import part
 
         schedule = read_schedule(self.folder)
-        documents = job_documents(Project.of(self.tasks), self.tasks, self.tasks.name)
+        documents = documents_of(self.tasks)
         by_name = {str(lever): lever for lever in levers(documents)}
         parts = tuple(
             part(by_name[name], documents, min(max(share, -1.0), 1.0)) for name, share in chosen
@@ -262,7 +263,7 @@ class Replanning:
         evaluation = planned.evaluation
         return {
             "status": evaluation.status,
-            "cycle_time": evaluation.cycle_time,
+            "cycle_time": planned.cycle_time,
             "gain": planned.gain,
             "findings": [str(finding) for finding in evaluation.findings],
         }
