@@ -70,8 +70,12 @@ export function whyText(plan, piece, group, { start, end, kind }) {
   } else if (MOTIONS.includes(kind) || group === "platform") {
     const limit = limitOf(plan, group, start, end);
     const { bottleneck } = plan.stages[piece.stage] ?? {};
+    // Limits that a task or a held part lowers are not those of the joints.
+    const isBottleneck = kind === "transfer" && plan.joints.some((joint) => joint.name === bottleneck && joint.group === group);
+    const care = isBottleneck && plan.report.stages?.[piece.stage]?.care;
     if (bottleneck === "duration" && kind === "transfer") texts.push("its time is in the task file");
     else if (bottleneck === "tool_speed" && kind === "transfer") texts.push("limited by the tool speed");
+    else if (care) texts.push(`limited by ${care}`);
     else if (limit && limit.share >= LEAST_SHARE) texts.push(`limited by ${jointLabel(plan.joints, limit.joint)}: at a limit ${percent(limit.share, 0)} of the time, mostly ${limit.limit}`);
     else texts.push("no joint is at a limit for long");
   }

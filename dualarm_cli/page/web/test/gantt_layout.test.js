@@ -124,6 +124,8 @@ test("a bar and its stage say what decides, and the slack of the rest", () => {
   const [left, right] = ganttRows(plan);
   assert.deepEqual(left.bars.map((bar) => bar.critical ?? null), [true, null, true, null, null, null, null]);
   assert.match(String(left.bars[0].why?.()), /^decides the cycle time; limited by left_s \(1\): at a limit 100.% of the time, mostly velocity$/);
+  const [slowed] = ganttRows({ ...plan, report: { stages: [{ care: "cup: speed 0.5" }] } });
+  assert.equal(slowed.bars[0].why?.(), "decides the cycle time; limited by cup: speed 0.5");
   assert.match(String(left.bars[2].why?.()), /its time is in the task file$/);
   assert.match(String(right.bars[0].why?.()), /^slack 0\.250.s; 1\.500.s by itself, slowed to arrive with the platform$/);
   assert.equal(right.bars[1].why, undefined);
