@@ -22,7 +22,10 @@ from dualarm_cli.records import dataclass
 SETTINGS = ("timing", "blend", "effort", "seed")
 """Settings that every request states."""
 NAMED = ("platform", "follower", "seam_solver", "redundancy")
-"""Settings that a request states if they differ from the defaults; `redundancy` names any of the last three."""
+"""Settings that a request states only where they differ from the defaults.
+
+`Request.redundancy` names any of the last three.
+"""
 
 
 @dataclass(frozen=True)
