@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, field, fields, replace
+from dataclasses import asdict, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +59,6 @@ class Request:
         """
         path = tasks if os.path.lexists(tasks) else bundled_tasks().get(str(tasks), tasks)
         return cls(case_name(case or tasks), os.path.abspath(path), **chosen)  # noqa: PTH100
-
-    def drawn(self, number: int) -> Request:
-        """Ask for a draw of what varies, or for the nominal job (0)."""
-        return replace(self, draw=number)
 
     @property
     def folder(self) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -89,7 +90,7 @@ def perturbation(
             f"{base.case}: nothing varies; give targets or frames `varies`, or a dwell its least, nominal and "
             "greatest time"
         )
-    requests = [base.drawn(number) for number in range(draws + 1)]
+    requests = [replace(base, draw=number) for number in range(draws + 1)]
     plans: dict[int, Evaluation] = {}
     cached = 0
     for answer in answers(requests, run, store):
