@@ -41,7 +41,7 @@ def why_command(
             "--budget",
             metavar="DURATION",
             help="Time after which no further plan is begun (30, '30 s'); 0: estimates only.",
-            show_default="the largest levers, about three times the time of planning",
+            show_default="at most seven plans, of the largest levers",
         ),
     ] = None,
     apply: Annotated[

@@ -41,9 +41,9 @@ class LeverSizes:
 
 
 SIZES = LeverSizes()
-CLEARANCE, SKEW, MASS = "clearance", "skew", "mass of tools and parts"
-UNMODELLED = (CLEARANCE, SKEW, MASS)
-"""Levers whose gain is in fewer collisions or smaller torques."""
+CLEARANCE, SKEW, MASS, CARE = "clearance", "skew", "mass of tools and parts", "care"
+UNMODELLED = (CLEARANCE, SKEW, MASS, CARE)
+"""Levers whose gain is in fewer collisions, smaller torques, or limits of single stages."""
 PLAIN_UNITS = {
     **dict.fromkeys(("approach", "retract", "straight", "clearance"), "m"),
     **dict.fromkeys(("dwell", "gripper", "settle", "handshake", "skew"), "s"),
@@ -161,6 +161,16 @@ def _times(factor: float) -> Change:
     return changed
 
 
+def _share(factor: float) -> Change:
+    """Multiply a share of full speed or acceleration, up to the whole."""
+
+    def changed(amount: Amount) -> Amount:
+        new = _times(factor)(amount)
+        return new if new.si < 1.0 else replace(new, number=round(1.0 / new.factor))
+
+    return changed
+
+
 def _lever(
     name: str,
     kind: LeverKind,
@@ -171,11 +181,17 @@ def _lever(
     """Build the lever that changes the numbers at some places; nothing without any."""
     values, pairs = {}, []
     for role, loc in places:
-        amount = _amount(value_at(documents[role].data, loc))
-        if amount is not None:
-            new = change(amount)
-            values[f"{role}:{to_pointer(loc)}"] = new.written
-            pairs.append((str(loc[-1]), amount, new))
+        value = value_at(documents[role].data, loc)
+        # Least, nominal and greatest time of a dwell change together.
+        among = (
+            [((*loc, k), time) for k, time in enumerate(value)] if isinstance(value, list) else []
+        )
+        for place, number in among or [(loc, value)]:
+            amount = _amount(number)
+            if amount is not None:
+                new = change(amount)
+                values[f"{role}:{to_pointer(place)}"] = new.written
+                pairs.append((str(loc[-1]), amount, new))
     return [Lever(name, changed_by(pairs), kind, values)] if values else []
 
 
@@ -225,6 +241,11 @@ def _limits(documents: Mapping[str, Document], places: Mapping[str, list[Loc]]) 
     if (amount := _amount(speed)) is not None and amount.si < 1.0:
         share = min(1.0, SIZES.faster * amount.si)
         yield Lever("speed", f"{amount.shown} to {share:.0%}", "process", {"tasks:/speed": share})
+    shares = _named(places, "tasks", "speed", "acceleration")
+    careful = [place for place in shares if place[1][0] == "tasks" and len(place[1]) == 3]
+    parts = _named(places, "cell", "speed", "acceleration")
+    careful += [place for place in parts if "while_holding" in place[1]]
+    yield from _lever(CARE, "process", documents, careful, _share(SIZES.faster))
     gap = [place for place in _named(places, "cell", "clearance") if len(place[1]) == 1]
     yield from _lever(CLEARANCE, "process", documents, gap, _times(SIZES.clearance))
     skew = [place for place in _named(places, "tasks", "skew") if "timing" in place[1]]

@@ -67,7 +67,7 @@ def why_document(
             }
             for result in together
         ],
-        "sentences": sentences(schedule, required, replanned),
+        "sentences": sentences(schedule, required, replanned, ranked),
     }
 
 
@@ -145,13 +145,23 @@ def best_set(replanned: Sequence[Replanned], required: float | None) -> Replanne
 
 
 def sentences(
-    schedule: Schedule, required: float | None, replanned: Sequence[Replanned]
+    schedule: Schedule,
+    required: float | None,
+    replanned: Sequence[Replanned],
+    estimates: Sequence[Estimate],
 ) -> list[str]:
-    """Say what meets the budget, or what helps most."""
+    """Say what meets the budget, or what helps most; the largest estimate if nothing was re-planned."""
     best = best_set(replanned, required)
     words = []
     if required is not None and schedule.duration <= required:
         words.append(f"the budget of {required:g} s is met: {schedule.duration:.3f} s")
+    gains = [(e.gain, e.lever) for e in estimates if e.gain is not None and e.gain > 0.0]
+    if not replanned and gains:
+        gain, lever = max(gains, key=lambda one: one[0])
+        share = -gain / schedule.duration
+        words.append(
+            f"largest estimate: {lever}, {gain:.3f} s ({share:.1%}); nothing was re-planned"
+        )
     if best is not None:
         time = best.cycle_time or 0.0
         *first, last = best.names

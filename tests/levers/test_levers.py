@@ -106,9 +106,31 @@ def test_estimates_of_kept_postures_are_the_plans_own(cell: Path) -> None:
         assert gain > 0.02
 
 
+def test_times_that_vary_and_care_are_levers(cell: Path) -> None:
+    """Least, nominal and greatest time are halved; 90 % of the speed becomes all of it, 50 % becomes 60 %."""
+    text = cell.read_text().replace("gripper: 0.2", "gripper: [80 ms, 120 ms, 200 ms]")
+    cell.write_text(text.replace("id: a,", "id: a, part: cup, speed: 90 %,"))
+    cup = "{shapes: [{sphere: {radius: 10 mm}}], while_holding: {acceleration: 50 %}}"
+    cell.with_name("cell.yaml").write_text(f"{CELL}parts: {{cup: {cup}}}\n")
+    by_name = {one.name: one for one in of_file(cell)}
+    [halved] = load_job(cell, None, by_name["gripper"].values).tasks[0].stops[0].varying
+    assert (halved.least, halved.nominal, halved.most) == pytest.approx((0.04, 0.06, 0.1))
+    assert by_name["gripper"].change == "-50%"
+    [careful] = [t for t in load_job(cell, None, by_name["care"].values).tasks if t.id == "a"]
+    assert (careful.care.speed, careful.holding.acceleration) == pytest.approx((1.0, 0.6))
+    assert not by_name["care"].is_modelled
+
+
+def test_the_largest_estimate_is_said_where_nothing_is_replanned() -> None:
+    """A half and a tenth of a plan of 10 s."""
+    estimates = [Estimate(lever("a"), 1.0), Estimate(lever("b"), 5.0), Estimate(lever("c"), None)]
+    [words] = sentences(Plan(), None, [], estimates)  # type: ignore[arg-type]
+    assert words == "largest estimate: b -50%, 5.000 s (-50.0%); nothing was re-planned"
+
+
 def lever(name: str, *keys: str, kind: Any = "process") -> Lever:
     """Returns a lever that changes keys of the task file."""
-    return Lever(name, "", kind, {f"tasks:/{key}": 1 for key in keys})
+    return Lever(name, "-50%", kind, {f"tasks:/{key}": 1 for key in keys})
 
 
 GAINS = {"a": 2.0, "b": 1.5, "c": 0.5, "d": 0.4, "e": 0.1}
@@ -183,7 +205,7 @@ def test_the_fewest_levers_that_meet_the_budget_are_chosen(
     assert len({tuple(result.names) for result in replanner.results}) == len(replanner.results)
     for result in replanner.results:
         assert len(merged(result.levers)) == sum(len(lever.values) for lever in result.levers)
-    [words] = sentences(Plan(), required, replanner.results)  # type: ignore[arg-type]
+    [words] = sentences(Plan(), required, replanner.results, [])  # type: ignore[arg-type]
     if required is not None:
         assert words.startswith(f"needs {required:g} s: ")
 
