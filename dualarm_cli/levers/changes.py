@@ -80,7 +80,7 @@ class Lever:
 
     def __str__(self) -> str:
         """Name the lever with its change."""
-        return f"{self.name} {self.change}"
+        return f"{self.name} {self.change}".rstrip()
 
 
 def documents_of(tasks: Path) -> dict[str, Document]:

@@ -157,7 +157,7 @@ def sentences(
         words.append(f"the budget of {required:g} s is met: {schedule.duration:.3f} s")
     gains = [(e.gain, e.lever) for e in estimates if e.gain is not None and e.gain > 0.0]
     if not replanned and gains:
-        gain, lever = max(gains, key=lambda one: one[0])
+        gain, lever = max(gains, key=lambda estimate: estimate[0])
         share = -gain / schedule.duration
         words.append(
             f"largest estimate: {lever}, {gain:.3f} s ({share:.1%}); nothing was re-planned"

@@ -125,12 +125,12 @@ def test_the_largest_estimate_is_said_where_nothing_is_replanned() -> None:
     """A half and a tenth of a plan of 10 s."""
     estimates = [Estimate(lever("a"), 1.0), Estimate(lever("b"), 5.0), Estimate(lever("c"), None)]
     [words] = sentences(Plan(), None, [], estimates)  # type: ignore[arg-type]
-    assert words == "largest estimate: b -50%, 5.000 s (-50.0%); nothing was re-planned"
+    assert words == "largest estimate: b, 5.000 s (-50.0%); nothing was re-planned"
 
 
 def lever(name: str, *keys: str, kind: Any = "process") -> Lever:
     """Returns a lever that changes keys of the task file."""
-    return Lever(name, "-50%", kind, {f"tasks:/{key}": 1 for key in keys})
+    return Lever(name, "", kind, {f"tasks:/{key}": 1 for key in keys})
 
 
 GAINS = {"a": 2.0, "b": 1.5, "c": 0.5, "d": 0.4, "e": 0.1}
