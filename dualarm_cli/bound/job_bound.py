@@ -23,7 +23,8 @@ from dualarm_cli.geometry.programs import least_cost
 from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
-from dualarm_cli.model.job import Dwell, Job, Stop, Task
+from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.notes import Note
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes

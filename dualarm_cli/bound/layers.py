@@ -28,7 +28,7 @@ from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
 
 Pose = tuple[FloatArray, FloatArray, FloatArray]
-"""Flange pose at the target and tool direction, as of `flange_poses`, shape (1, ...)."""
+"""Flange pose at the target and directions of lines, as of `flange_poses`, shape (1, ...)."""
 HERE = np.zeros(2)
 """Borders of the single cell of a fixed platform."""
 
@@ -170,7 +170,7 @@ class StopCells:
         assert stop is not None  # callers pass active stages only
         every = np.ones(len(self.parts) - 1, dtype=np.bool_)
         yaw_is_free = stop.configurations is None and (stop.free_yaw or len(stop.yaw) > 1)
-        free_last = yaw_is_free and work.last_axis_is_tools
+        free_last = yaw_is_free and work.last_axis_is_tools and not stop.lines_turn
         if stop.configurations is not None or (stop.free_yaw and not free_last):
             return StopReach((), (), every, free_last)
         yaws = np.zeros(1) if free_last else stop.yaw
@@ -246,10 +246,19 @@ def _ends_within_reach(
     arm: SrsArm, stop: StopTarget, pose: Pose, edges: FloatArray
 ) -> tuple[AngleCells, AngleCells]:
     """Compute the platform angles that reach the approach's outer end, and the retract's."""
-    R, p, z = (x[0] for x in pose)
-    lengths = dict.fromkeys((stop.approach, stop.retract))
-    ends = [reachable_cells(arm, arm.wrist_center(R, p - x * z), edges) for x in lengths]
+    ends = [
+        reachable_cells(arm, arm.wrist_center(pose[0][0], outer), edges)
+        for _, outer in _lines(stop, pose)
+    ]
     return ends[0], ends[-1]
+
+
+def _lines(stop: StopTarget, pose: Pose) -> list[tuple[float, FloatArray]]:
+    """List length and outer flange position of approach and retract [m]; equal lines once."""
+    p, away = pose[1][0], pose[2][0]
+    lines = [(x, p + x * away[k]) for k, x in enumerate((stop.approach, stop.retract))]
+    alike = lines[0][0] == lines[1][0] and np.array_equal(lines[0][1], lines[1][1])
+    return lines[:1] if alike else lines
 
 
 def _pose_cells(
@@ -262,18 +271,20 @@ def _pose_cells(
 ) -> list[Cells]:
     """Compute the cells at both outer ends of a pose's lines."""
     arm = work.closed_form
-    R, p, z = (x[0] for x in pose)
+    R, p = pose[0][0], pose[1][0]
+    target = arm.wrist_center(R, p)
 
-    def cells(length: float, intervals: AngleCells) -> Cells:
-        outer = p - length * z
-        ends = arm.wrist_center(R, outer), arm.wrist_center(R, p)
+    def cells(length: float, outer: FloatArray, intervals: AngleCells) -> Cells:
+        ends = arm.wrist_center(R, outer), target
         line = LineToTarget(p, work.law, lambda block: line_bounds(work, R, *ends, block))
         return pose_cells(
             arm, (R, outer), intervals, resolution, free_last, line if length else None
         )
 
-    approach = cells(stop.approach, within[0])
-    return [approach, approach if stop.approach == stop.retract else cells(stop.retract, within[1])]
+    ends = [
+        cells(*line, intervals) for line, intervals in zip(_lines(stop, pose), within, strict=False)
+    ]
+    return [ends[0], ends[-1]]
 
 
 def branch_cells(
@@ -292,17 +303,15 @@ def branch_cells(
         work: an arm with closed forms.
         table: its transfer times.
         stop: its stop.
-        pose: flange pose at the target and tool direction, as of `flange_poses`, shape (1, ...).
+        pose: flange pose at the target and directions of lines, as of `flange_poses`, shape (1, ...).
         free_last: whether the last joint is free, because yaw is.
     """
     arm = work.kinematics
-    R, p, z = (x[0] for x in pose)
-    target = arm.enclosure(R, p, ROUNDING, free_last)
+    R = pose[0][0]
+    target = arm.enclosure(R, pose[1][0], ROUNDING, free_last)
     ends = []
-    for length in dict.fromkeys((stop.approach, stop.retract)):
-        enclosure = (
-            target if length == 0.0 else arm.enclosure(R, p - length * z, ROUNDING, free_last)
-        )
+    for length, outer in _lines(stop, pose):
+        enclosure = target if length == 0.0 else arm.enclosure(R, outer, ROUNDING, free_last)
         if enclosure is None:
             ends.append(free_cells(arm, HERE))
             continue

@@ -12,7 +12,7 @@ from dualarm_cli.collision.clearance import LEVER
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.errors import BlockedError
 from dualarm_cli.geometry.elementary import TURN
-from dualarm_cli.model.job import ANY, Job, JointTarget, Stop, Task
+from dualarm_cli.model.job import ANY, Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
 
@@ -119,8 +119,13 @@ def grip_faults(job: Job) -> list[Refusal]:
         work, give = task.handover, task.stops[-1]
         if work is None or give.action != "give" or task.arm == ANY:
             continue
-        lengths = takes[task.id].approach, give.retract
-        for contact in too_near(job.cell, work, task.id, task.part, *lengths):
+        take = takes[task.id]
+        drawn = [
+            line.back(stop.target.pose.rotation, length)
+            for stop, (length, line) in ((take, take.lines[0]), (give, give.lines[1]))
+            if isinstance(stop.target, PoseTarget)
+        ]
+        for contact in too_near(job.cell, work, task.id, task.part, *drawn):
             details = {
                 "where": contact.where,
                 "body_a": contact.bodies[0],

@@ -120,7 +120,7 @@ def _is_far(needs: Sequence[tuple[HeldBody, float]], stop: Stop, solids: Sequenc
     """Check by bounding balls whether bodies are far from solids at every yaw."""
     assert isinstance(stop.target, PoseTarget)  # its caller passes only those
     tip = stop.target.pose.translation
-    reach = [body.line + needed + max(x.extent for x in body.solids) for body, needed in needs]
+    reach = [body.longest + needed + max(x.extent for x in body.solids) for body, needed in needs]
     distances = [
         norm(solid.pose.act(solid.geometry.aabb_center) - tip) - solid.geometry.aabb_radius
         for solid in solids

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 import coal
@@ -12,9 +13,10 @@ from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.solids import WORLD, Solid, shape_solid, solid_distance, tool_body
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import TURN
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import LYING, TAKES, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Handover, part_as_held
+from dualarm_cli.model.part_flow import Handover, Line, part_as_held
 from dualarm_cli.records import dataclass
 
 
@@ -31,7 +33,7 @@ class TooNear:
 
 
 def too_near(
-    cell: Cell, work: Handover, task: str, part: str, approach: float, retract: float
+    cell: Cell, work: Handover, task: str, part: str, approach: pin.SE3, retract: pin.SE3
 ) -> list[TooNear]:
     """List the tools and part that lack clearance in a hand-over.
 
@@ -43,14 +45,14 @@ def too_near(
         work: the hand-over.
         task: its task's id.
         part: part as held by the giving tool; empty for nothing.
-        approach: length of the taker's approach [m].
-        retract: length of the giver's retract [m].
+        approach: displacement of the taking tool to the start of its approach.
+        retract: displacement of the giving tool to the end of its retract.
     """
-    at_giver, back = pin.SE3.Identity(), work.grip * _drawn_back(approach)
+    at_giver, back = pin.SE3.Identity(), work.grip * approach
     giving, taking = f"{work.giver}_tool", f"{work.taker}_tool"
     gives, retracted = (
         _tool(cell, work.giver, at_giver),
-        _tool(cell, work.giver, _drawn_back(retract)),
+        _tool(cell, work.giver, retract),
     )
     takes, arriving = _tool(cell, work.taker, work.grip), _tool(cell, work.taker, back)
     held = [shape_solid(part, WORLD, at_giver, shape) for shape in cell.parts[part]] if part else []
@@ -69,11 +71,6 @@ def too_near(
         if margin < 0.0:
             contacts.append(TooNear(where, (body, other_body), margin))
     return contacts
-
-
-def _drawn_back(length: float) -> pin.SE3:
-    """Return a displacement back along the tool's z axis."""
-    return pin.SE3(np.eye(3), np.array([0.0, 0.0, -length]))
 
 
 def _tool(cell: Cell, arm: str, T_giver_tcp: pin.SE3) -> list[Solid]:
@@ -135,10 +132,29 @@ class HeldBody:
     """Name of its body in collision checks."""
     solids: tuple[Solid, ...]
     """Solids in the frame of the fixed tool centre point."""
-    line: float
-    """Length of its longest line [m]; lines run against the tool's z axis."""
+    lines: tuple[Line, ...]
+    """Its lines, of each direction the longest."""
     rests: bool
     """Whether it may touch obstacles: lying parts, and tools at their stands."""
+
+    @property
+    def longest(self) -> float:
+        """Length of its longest line [m]."""
+        return max(length for length, _ in self.lines)
+
+    @property
+    def radius(self) -> float:
+        """Upper bound on its distance from the tool's z axis, on lines that turn with it too [m]."""
+        boxes = [(solid.pose, solid.geometry.aabb_local) for solid in self.solids]
+        corners = [
+            pose.act(np.array(corner))[:2]
+            for pose, box in boxes
+            for corner in itertools.product(
+                *zip(np.ravel(box.min_), np.ravel(box.max_), strict=True)
+            )
+        ]
+        aside = [length * np.hypot(*line.vector[:2]) for length, line in self.lines if line.turns]
+        return float(norm(np.array(corners), axis=1).max()) + max(aside, default=0.0)
 
 
 def held_bodies(cell: Cell, arm: str, task: Task, stop: Stop) -> list[HeldBody]:
@@ -152,9 +168,11 @@ def held_bodies(cell: Cell, arm: str, task: Task, stop: Stop) -> list[HeldBody]:
         task: task of the stop.
         stop: the stop.
     """
-    fixed_tool, longest = cell.tools[arm], max(stop.approach, stop.retract)
+    fixed_tool, both = cell.tools[arm], tuple[Line, ...](stop.lines)
     of_tool, of_part = cell.held_shapes(arm, Held(task.tool, task.part))
-    line = stop.retract if stop.action in TAKES else stop.approach
+    line = both[1:] if stop.action in TAKES else both[:1]
+    if both[0][1] == both[1][1]:
+        both = (max(both, key=lambda line: line[0]),)
     fixed_body, changed, identity = (
         tool_body(arm, "tool"),
         tool_body(arm, task.tool),
@@ -162,13 +180,13 @@ def held_bodies(cell: Cell, arm: str, task: Task, stop: Stop) -> list[HeldBody]:
     )
     at_stand, lying = task.is_change, of_part if stop.action in LYING else ()
     rows = [
-        (fixed_body, fixed_body, fixed_tool.tcp.inverse(), fixed_tool.shapes, longest, False),
-        (task.tool, changed, identity, of_tool, line if at_stand else longest, at_stand),
+        (fixed_body, fixed_body, fixed_tool.tcp.inverse(), fixed_tool.shapes, both, False),
+        (task.tool, changed, identity, of_tool, line if at_stand else both, at_stand),
         (task.part, task.part, identity, lying, line, True),
     ]
     return [
-        HeldBody(name, body, tuple(shape_solid(body, WORLD, T, x) for x in shapes), length, rests)
-        for name, body, T, shapes, length, rests in rows
+        HeldBody(name, body, tuple(shape_solid(body, WORLD, T, x) for x in shapes), lines, rests)
+        for name, body, T, shapes, lines, rests in rows
         if shapes
     ]
 
@@ -223,8 +241,13 @@ def undercut(
     largest, violated = least, ""
     places = [coal.Transform3s(x.pose.rotation, x.pose.translation) for x, _ in things]
     request, result = coal.CollisionRequest(), coal.CollisionResult()
-    for back in np.linspace(0.0, held_body.line, STEPS if held_body.line > 0.0 else 1):
-        T = T_world_tool * pin.SE3(np.eye(3), np.array([0.0, 0.0, -back]))
+    moved = [
+        line.back(T_world_tool.rotation, back)
+        for length, line in held_body.lines
+        for back in np.linspace(0.0, length, STEPS if length > 0.0 else 1).tolist()
+    ]
+    for shift in moved:
+        T = T_world_tool * shift
         for solid in held_body.solids:
             place = T * solid.pose
             transform = coal.Transform3s(place.rotation, place.translation)

@@ -284,9 +284,8 @@ class QuickTest:
         key = pair.first, pair.second, arm, task.id, stop.action
         if key not in self._needed:
             assert isinstance(stop.target, PoseTarget)  # a part lies there
-            line = stop.approach if stop.action == "pick" else stop.retract
-            T_tcp_end = pin.SE3(np.eye(3), np.array([0.0, 0.0, -line]))
-            T_root_tcp = self._cell.base.actInv(stop.target.pose) * T_tcp_end
+            pose, (length, line) = stop.target.pose, stop.lines[stop.action != "pick"]
+            T_root_tcp = self._cell.base.actInv(pose) * line.back(pose.rotation, length)
             T_joint_tcp = self._flanges[arm].placement * self._cell.tools[arm].tcp
             solid, part = self._solids[pair.first], self._solids[pair.second]
             at_end = _distance(

@@ -56,7 +56,7 @@ class LinePair:
     """Approach and retract lines of n candidates."""
 
     pose: tuple[FloatArray, FloatArray, FloatArray]
-    """Flange rotations (n, 3, 3) and positions (n, 3) [m] at targets, line directions (n, 3)."""
+    """Flange rotations (n, 3, 3), positions (n, 3) [m], directions of lines outward (n, 2, 3)."""
     branch: IntArray
     """Branches, shape (n,)."""
     psi: FloatArray

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 
 
 def drawn_job(job: Job, seed: int, number: int) -> Job:

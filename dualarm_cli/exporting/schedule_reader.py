@@ -19,7 +19,7 @@ from dualarm_cli.files.robots.urdf import read_urdf
 from dualarm_cli.files.source.text_source import read_text
 from dualarm_cli.geometry import products
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.joint_motion import JointMotion, followed
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (

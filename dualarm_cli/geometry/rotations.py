@@ -20,6 +20,21 @@ def skew(vector: FloatArray) -> FloatArray:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
+def outward(directions: FloatArray, R_tool: FloatArray, R_world: FloatArray) -> FloatArray:
+    """Compute unit vectors from targets to the outer ends of their lines, shape (..., 2, 3).
+
+    Args:
+        directions: of approach and retract, `LineDirections.vectors`, shape (..., 2, 2, 3).
+        R_tool: rotations of the tool, shape (..., 3, 3).
+        R_world: rotations of the world, in the same frame.
+    """
+    turning: FloatArray = product(directions[..., 0, :, :], np.swapaxes(R_tool, -1, -2))
+    if not directions[..., 1, :, :].any():
+        return turning
+    fixed: FloatArray = product(directions[..., 1, :, :], np.swapaxes(R_world, -1, -2))
+    return turning + fixed
+
+
 def exp_rotation(vector: FloatArray) -> FloatArray:
     """Compute rotations (..., 3, 3) from rotation vectors (..., 3) [rad] by Rodrigues' formula."""
     angle = norm(vector, axis=-1)[..., None, None]

@@ -91,8 +91,8 @@ class GeneralArm(SerialChain, PostureSource):
         """Follow a straight tool line by continuation; `psi_end` is along the self-motion."""
         # Continuity is checked at `skeleton` samples or more: the path is the same for any number of samples.
         finer = -(-(CONTINUATION.skeleton - 1) // (samples - 1))
-        R, p, z = (x[None] for x in pose)
-        lines, drift = FlangeLines(R, p, -z * length), np.array([psi_end])
+        R, p, outward = (x[None] for x in pose)
+        lines, drift = FlangeLines(R, p, outward * length), np.array([psi_end])
         course = self.follow_lines(posture.q[None], lines, drift, finer * (samples - 1) + 1)
         return course.q[::finer, 0]
 

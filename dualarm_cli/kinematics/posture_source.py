@@ -41,7 +41,7 @@ class ReachedPostures:
 
 
 ToolPose = tuple[FloatArray, FloatArray, FloatArray]
-"""Rotation (3, 3) and position (3,) [m] of a flange, and direction of its tool (3,)."""
+"""Rotation (3, 3) and position (3,) [m] of a flange, and direction of its line outward (3,)."""
 
 
 Enclosure = tuple[IntArray, FloatArray, FloatArray]
@@ -168,11 +168,11 @@ class PostureSource(LimitedJoints, ABC):
     def follow_line(
         self, posture: Posture, pose: ToolPose, length: float, psi_end: float, samples: int
     ) -> FloatArray:
-        """Compute the joints (samples, n) [rad] along a straight line back from a posture's target.
+        """Compute the joints (samples, n) [rad] along a straight line outward from a posture's target.
 
         Args:
             posture: at the target.
-            pose: flange and tool at the target.
+            pose: flange at the target, and direction of the line.
             length: length of the line [m].
             psi_end: arm angle at the outer end, or distance along the self-motion from the target [rad].
             samples: number of equidistant samples, at least 2.

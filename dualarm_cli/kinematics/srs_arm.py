@@ -323,11 +323,10 @@ class SrsArm(PostureSource):
 
         `psi_end` is the arm angle at its end.
         """
-        R, p, z = (x[None] for x in pose)
+        R, p, outward = (x[None] for x in pose)
         psi, lengths = np.array([[posture.psi, psi_end, psi_end]]), np.array([[0.0, length]])
-        lines = compiled.LinePair(
-            (R, p, z), np.array([posture.branch]), psi, lengths, posture.q[None]
-        )
+        both = R, p, np.repeat(outward, 2, axis=0)
+        lines = compiled.LinePair(both, np.array([posture.branch]), psi, lengths, posture.q[None])
         q, _ = compiled.joints_along_lines(self.numbers, lines, np.pi, samples)
         return q[0, samples - 1 :]
 

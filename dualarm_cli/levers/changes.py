@@ -45,7 +45,7 @@ CLEARANCE, SKEW, MASS, CARE = "clearance", "skew", "mass of tools and parts", "c
 UNMODELLED = (CLEARANCE, SKEW, MASS, CARE)
 """Levers whose gain is in fewer collisions, smaller torques, or limits of single stages."""
 PLAIN_UNITS = {
-    **dict.fromkeys(("approach", "retract", "straight", "clearance"), "m"),
+    **dict.fromkeys(("approach", "retract", "distance", "straight", "clearance"), "m"),
     **dict.fromkeys(("dwell", "gripper", "settle", "handshake", "skew"), "s"),
     "tool_speed": "m/s",
     "mass": "kg",
@@ -221,6 +221,9 @@ def _lengths(documents: Mapping[str, Document], places: Mapping[str, list[Loc]])
     """Yield levers of the lengths of lines, in task file and grasps."""
     for names in (("approach",), ("retract",), ("approach", "retract"), ("straight",)):
         lines = [*_named(places, "tasks", *names), *_named(places, "cell", *names)]
+        for role in ("tasks", "cell"):
+            distances = _named(places, role, "distance")
+            lines += [place for place in distances if place[1][-2] in names]
         yield from _lever(" and ".join(names), "process", documents, lines, _times(SIZES.half))
 
 

@@ -1,4 +1,4 @@
-"""Budget of a job, its comparison with a plan, and times that vary."""
+"""Dwells, times that vary, and the budget of a job with its comparison with a plan."""
 
 from __future__ import annotations
 
@@ -12,6 +12,23 @@ if TYPE_CHECKING:
 
 CycleKind = Literal["nominal", "95%", "worst"]
 """Cycle time of a plan whose dwells vary that a budget is for."""
+
+
+@dataclass(frozen=True)
+class Dwell:
+    """Time at rest at a target, by purpose."""
+
+    gripper: float = 0.0
+    """Gripper time [s]."""
+    settle: float = 0.0
+    """Settling time of the arm [s]."""
+    handshake: float = 0.0
+    """Time for signals to and from the cell controller [s]."""
+
+    @property
+    def total(self) -> float:
+        """Total time [s]."""
+        return self.gripper + self.settle + self.handshake
 
 
 @dataclass(frozen=True)

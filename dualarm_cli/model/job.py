@@ -12,9 +12,20 @@ import pinocchio as pin
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.model.budget import Budget, TimeRange
+from dualarm_cli.model.budget import Budget, Dwell, TimeRange
 from dualarm_cli.model.cell import Cell, Held
-from dualarm_cli.model.part_flow import NO_CARE, Buffer, Care, Grasp, Handover, OnBelt, PoseRange
+from dualarm_cli.model.part_flow import (
+    ALONG_TOOL,
+    NO_CARE,
+    Buffer,
+    Care,
+    Grasp,
+    Handover,
+    Line,
+    LineDirections,
+    OnBelt,
+    PoseRange,
+)
 from dualarm_cli.model.place import NOWHERE, Place, tasks_name
 from dualarm_cli.model.process_work import PathWork, SeamWork
 from dualarm_cli.model.robot import JointLimits
@@ -91,23 +102,6 @@ Target = PoseTarget | JointTarget | SeamTarget
 
 
 @dataclass(frozen=True)
-class Dwell:
-    """Time at rest at a target, by purpose."""
-
-    gripper: float = 0.0
-    """Gripper time [s]."""
-    settle: float = 0.0
-    """Settling time of the arm [s]."""
-    handshake: float = 0.0
-    """Time for signals to and from the cell controller [s]."""
-
-    @property
-    def total(self) -> float:
-        """Total time [s]."""
-        return self.gripper + self.settle + self.handshake
-
-
-@dataclass(frozen=True)
 class Stop:
     """Target of a task, with its approach, dwell and retract."""
 
@@ -116,9 +110,9 @@ class Stop:
     target: Target
     """Pose, configurations or seam to reach."""
     approach: float
-    """Length of the straight approach along the tool's +z axis [m]; 0 for none."""
+    """Length of the straight approach [m]; 0 for none."""
     retract: float
-    """Length of the straight retract along the tool's -z axis [m]; 0 for none."""
+    """Length of the straight retract [m]; 0 for none."""
     dwell: Dwell
     """Time at rest at the target."""
     place: Place
@@ -137,6 +131,14 @@ class Stop:
     """Parts of the dwell whose time varies."""
     ranges: tuple[PoseRange, ...] = ()
     """Ranges of the target's pose, its own first, then those of its frames."""
+    directions: LineDirections = ALONG_TOOL
+    """Directions of approach and retract, from the target outward."""
+
+    @property
+    def lines(self) -> tuple[Line, Line]:
+        """Length and direction of approach and retract."""
+        towards, away = self.directions.approach, self.directions.retract
+        return (self.approach, towards), (self.retract, away)
 
     @property
     def moves(self) -> bool:

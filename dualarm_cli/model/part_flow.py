@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.geometry.products import norm
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.records import dataclass
 
@@ -182,6 +182,69 @@ class Handover:
 
 
 @dataclass(frozen=True)
+class LineDirection:
+    """Direction from a target to the outer end of its approach or retract."""
+
+    vector: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    """Unit vector, in the frame of the fixed tool or of the world."""
+    turns: bool = True
+    """Whether it is in the tool's frame, and turns with the tool."""
+
+    def axes(self, R_world_tool: FloatArray) -> FloatArray:
+        """Compute axes of the line as columns in the tool's frame, z towards the target, (3, 3).
+
+        Args:
+            R_world_tool: rotation of the tool, shape (3, 3).
+        """
+        vector = np.array(self.vector)
+        z = -vector if self.turns else -product(R_world_tool.T, vector)
+        y = np.cross(z, np.eye(3)[int(abs(z[0]) > 0.9)])
+        y = y / norm(y)
+        return np.stack([np.cross(y, z), y, z], axis=-1)
+
+    def back(self, R_world_tool: FloatArray, distance: float) -> pin.SE3:
+        """Build the displacement by a distance outward [m], in the tool's frame."""
+        return pin.SE3(np.eye(3), self.axes(R_world_tool)[:, 2] * -distance)
+
+    def in_frame(self, R: FloatArray) -> LineDirection:
+        """Convert to another frame of the tool; lines along the tool and fixed ones stay.
+
+        Args:
+            R: rotation of this frame of the tool in the other, shape (3, 3).
+        """
+        if not self.turns or self == LineDirection():
+            return self
+        x, y, z = product(R, np.array(self.vector)).tolist()
+        return replace(self, vector=(x, y, z))
+
+
+@dataclass(frozen=True)
+class LineDirections:
+    """Directions of the lines of a stop, from the target outward."""
+
+    approach: LineDirection = LineDirection()
+    """Direction from the target to the start of the approach."""
+    retract: LineDirection = LineDirection()
+    """Direction from the target to the end of the retract."""
+
+    @property
+    def vectors(self) -> FloatArray:
+        """Vectors of both in the tool's frame, then in the world's, zero elsewhere, (2, 2, 3)."""
+        vectors = np.zeros((2, 2, 3))
+        for k, line in enumerate((self.approach, self.retract)):
+            vectors[0 if line.turns else 1, k] = line.vector
+        return vectors
+
+
+ALONG_TOOL = LineDirections()
+"""Lines along the tool's z axis."""
+
+
+Line = tuple[float, LineDirection]
+"""Length [m], 0 for none, and direction outward of an approach or retract."""
+
+
+@dataclass(frozen=True)
 class Grasp:
     """Position of a tool on a part while it holds it."""
 
@@ -193,10 +256,10 @@ class Grasp:
     """Whether the part is round about the tool's z axis."""
     symmetry: int = 1
     """Order of the part's rotational symmetry about the tool's z axis."""
-    approach: float | None = None
-    """Length of the straight approach to a target [m]; None for the task's."""
-    retract: float | None = None
-    """Length of the straight retract from a target [m]; None for the task's."""
+    approach: Line | None = None
+    """Straight approach to a target; None for the task's."""
+    retract: Line | None = None
+    """Straight retract from a target; None for the task's."""
     of: str = ""
     """Name in the cell file, without tilt, area or turn."""
 

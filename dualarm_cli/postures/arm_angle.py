@@ -104,12 +104,12 @@ def _follow_sides(
     batch: StopBatch, candidates: StopCandidates, swings: FloatArray
 ) -> list[tuple[Lines, FollowedLines]]:
     """Follow each candidate's approach and retract with every swing; equal ones once."""
-    alike = np.array_equal(batch.length[:, 0], batch.length[:, 1])
     psi = np.broadcast_to(candidates.psi[:, None], (len(candidates.row), len(swings)))
     poses, reference = candidates.poses(batch), candidates.reference(batch)
     sides = []
-    for side in (0,) if alike else (0, 1):
-        lines = Lines.of(batch, poses, batch.length[candidates.row, side], POSTURES.line_samples)
+    for side in (0,) if batch.alike_lines else (0, 1):
+        line = poses.outward[:, side], batch.length[candidates.row, side]
+        lines = Lines.of(batch, poses, line, POSTURES.line_samples)
         sides.append((lines, lines.follow(psi, psi + swings, candidates.branch, reference)))
     return sides
 
@@ -231,7 +231,8 @@ def _sample_lines(batch: StopBatch, candidates: StopCandidates, yaw: FloatArray)
     row, target = np.repeat(candidates.row, y), np.repeat(candidates.target, y)
     poses = batch.poses(row, target, yaw.ravel())
     twice = np.repeat(np.arange(len(row)), 2)
-    return Lines.of(batch, poses.take(twice), batch.length[row].ravel(), POSTURES.line_samples)
+    line = poses.outward.reshape(-1, 3), batch.length[row].ravel()
+    return Lines.of(batch, poses.take(twice), line, POSTURES.line_samples)
 
 
 def _select_improvements(

@@ -217,8 +217,9 @@ def _postures(problem: StopProblem, place: Place) -> FloatArray:
     if problem.configurations is not None:
         return problem.configurations if place == "target" else np.empty((0, len(problem.start)))
     yaw = problem.yaw[:: max(1, len(problem.yaw) // POSTURES.scan_yaws)]
-    depth = {"approach": problem.approach, "target": 0.0, "retract": problem.retract}[place]
+    lengths = {"approach": (problem.approach, 0.0), "retract": (0.0, problem.retract)}
+    shift = np.array(lengths.get(place, (0.0, 0.0)))[:, None]
     zero = np.zeros(len(yaw), dtype=np.int64)
     poses = batch.poses(zero, zero, yaw)
-    postures = problem.arm.postures(poses.R, poses.p - poses.z * depth)
+    postures = problem.arm.postures(poses.R, poses.p + (poses.outward * shift).sum(axis=1))
     return problem.arm.nearest_turns(postures.q, problem.start)

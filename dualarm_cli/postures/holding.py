@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.lying import YAW_STEPS, held_bodies, reaches, stop_yaws
 from dualarm_cli.collision.scenes import stage_scenes
-from dualarm_cli.collision.solids import Solid
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.records import dataclass
@@ -131,7 +128,7 @@ def too_near_obstacle(
         return None
     for body in held_bodies(cell, arm, task, stop):
         # Between two tested yaws, each point has moved by no more than this.
-        between = np.pi / YAW_STEPS * _radius(body.solids) if stop.target.free_yaw else 0.0
+        between = np.pi / YAW_STEPS * body.radius if stop.target.free_yaw else 0.0
         lacking = []
         for lacks, into in reaches(cell, body, stop):
             if not into or lacks <= between:
@@ -140,14 +137,3 @@ def too_near_obstacle(
         else:
             return body.name, *min(lacking)
     return None
-
-
-def _radius(solids: Sequence[Solid]) -> float:
-    """Return an upper bound on solids' distance from their z axis [m]."""
-    boxes = [(solid.pose, solid.geometry.aabb_local) for solid in solids]
-    corners = [
-        pose.act(np.array(corner))[:2]
-        for pose, box in boxes
-        for corner in product(*zip(np.ravel(box.min_), np.ravel(box.max_), strict=True))
-    ]
-    return float(norm(np.array(corners), axis=1).max())

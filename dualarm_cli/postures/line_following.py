@@ -34,18 +34,21 @@ class Lines:
     """Fractions of the length at the samples, shape (s,); only 0 without any length."""
 
     @classmethod
-    def of(cls, batch: StopBatch, poses: ToolPoses, length: FloatArray, samples: int) -> Lines:
+    def of(
+        cls, batch: StopBatch, poses: ToolPoses, line: tuple[FloatArray, FloatArray], samples: int
+    ) -> Lines:
         """Sample the lines from k tool poses.
 
         Args:
             batch: the problems.
             poses: poses at the targets.
-            length: lengths of the lines [m], shape (k,).
+            line: directions outward (k, 3) and lengths (k,) [m] of the lines.
             samples: number of samples.
         """
+        outward, length = line
         share = np.linspace(0.0, 1.0, samples) if length.any() else np.zeros(1)
         depth = share[:, None] * length
-        points = poses.p - poses.z * depth[:, :, None]
+        points = poses.p + outward * depth[:, :, None]
         curves = batch.arm.curves(poses.R[None, :, None], points[:, :, None])
         return cls(batch, poses.row, length, curves, share)
 

@@ -166,7 +166,7 @@ def follow_lines(
         ends = np.repeat(candidates.q[:, None], 2, axis=1)
         return replace(candidates, ends=ends, line=np.zeros((len(candidates), 2)))
     poses = candidates.poses(batch)
-    shift = -poses.z[:, None] * length[:, :, None]
+    shift = poses.outward * length[:, :, None]
     k, n = candidates.q.shape
     twice = np.repeat(np.arange(k), 2)
     path = batch.numeric_arm.follow_lines(

@@ -133,11 +133,12 @@ def _all_beyond_reach(
             return False
     moved = np.full(miss.shape, slack)
     if _has_further_yaws(stop):
-        # Between two turns the point moves along a circle about the tool's axis.
+        # Between two turns the point moves along a circle about the axis of the tool at the target.
         offset = point - p + product(R, product(stop.R_tool_flange.T, stop.p_tool_flange))
         axis = product(R, stop.R_tool_flange[2])
         radial = offset - axis * (offset * axis).sum(axis=-1, keepdims=True)
-        moved += (norm(radial, axis=-1) + arm.lever) * (np.pi / miss.shape[1])
+        aside = norm(stop.directions[0, :, :2], axis=-1) * (stop.approach, stop.retract)
+        moved += (norm(radial, axis=-1) + float(aside.max()) + arm.lever) * (np.pi / miss.shape[1])
         turn += np.pi / miss.shape[1]
     if model.platform.is_rail:
         moved += gap

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.kinematics.posture_source import Posture, PostureSource
+from dualarm_cli.model.part_flow import LineDirections
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
@@ -93,8 +95,7 @@ POSTURES = PostureSettings()
 class StopProblem:
     """Next stop of one arm while the platform stands: transfer, approach, retract.
 
-    All poses are in the arm's base frame. The tool frame's z axis points out of the tool; a line of length L
-    runs from the target shifted by -L z to the target.
+    All poses are in the arm's base frame. The tool frame's z axis points out of the tool.
     """
 
     arm: PostureSource
@@ -129,6 +130,8 @@ class StopProblem:
     """Flag of a posture that is refined between the grid's arm angles."""
     is_free: Callable[[FloatArray, Place], BoolArray] | None = None
     """Collision test (k,) of joints (k, n) [rad] at a place; None for no test."""
+    directions: FloatArray = field(default_factory=lambda: LineDirections().vectors)
+    """Directions of lines outward: in the tool's frame, then in the base frame, shape (2, 2, 3)."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -139,6 +142,7 @@ class StopProblem:
             "p_tool_flange",
             "yaw",
             "start",
+            "directions",
         ):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.products import product
+from dualarm_cli.geometry.rotations import outward
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
 from dualarm_cli.postures.problem import POSTURES, StopProblem
@@ -161,8 +162,9 @@ def moved_flanges(
     R_tool = product(R_moved[:, None], product(stop.R_base_tool[0], rotation_z(yaws))[None])
     target = (product(R_moved, stop.p_base_tool[0]) + p_moved)[:, None]
     R = product(R_tool, stop.R_tool_flange)
-    depths = [0.0, *(depth for depth in (stop.approach, stop.retract) if depth > 0)]
-    return [
-        (R, target - R_tool[..., :, 2] * depth + product(R_tool, stop.p_tool_flange))
-        for depth in depths
+    away = outward(stop.directions, R_tool, R_moved[:, None])
+    shifts = [
+        away[..., k, :] * length for k, length in enumerate((stop.approach, stop.retract)) if length
     ]
+    flange = product(R_tool, stop.p_tool_flange)
+    return [(R, target + shift + flange) for shift in (np.zeros(3), *shifts)]

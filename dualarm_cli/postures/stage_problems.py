@@ -96,6 +96,10 @@ class StageStops:
             arm, times = model.arms[name], self.clock.arms[name]
             R, p, configurations = _targets(arm, stop, R_carried, p_world)
             start = position[arm.columns]
+            turning, fixed = stop.directions.vectors
+            directions = [
+                np.stack([turning, product(fixed, R_carried[k].T)]) for k in range(len(R))
+            ]
             yaw = stop_yaws(stop) if keep is None else keep.yaws(name)
             for k, problems in enumerate(problems_of_angle):
                 test = None if keep is None else keep.test(name, position, angles[k], self.work)
@@ -116,6 +120,7 @@ class StageStops:
                     line_time=times.line_time,
                     refine=self.refine,
                     is_free=test,
+                    directions=directions[k],
                 )
         return problems_of_angle
 

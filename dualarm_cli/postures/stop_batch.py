@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.products import product
+from dualarm_cli.geometry.rotations import outward
 from dualarm_cli.kinematics.general_arm import GeneralArm, numeric_form
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
@@ -26,12 +27,12 @@ class ToolPoses:
     """Flange rotations in the arm's base frame, shape (k, 3, 3)."""
     p: FloatArray
     """Flange positions [m], shape (k, 3)."""
-    z: FloatArray
-    """Directions of the tool, shape (k, 3)."""
+    outward: FloatArray
+    """Directions from the targets to the outer ends of approach and retract, shape (k, 2, 3)."""
 
     def take(self, index: IntArray) -> ToolPoses:
         """Select poses, in the order of the index."""
-        return ToolPoses(self.row[index], self.R[index], self.p[index], self.z[index])
+        return ToolPoses(self.row[index], self.R[index], self.p[index], self.outward[index])
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,17 @@ class StopBatch:
         return np.array([(problem.approach, problem.retract) for problem in self.problems])
 
     @cached_property
+    def directions(self) -> FloatArray:
+        """Directions of lines outward, `StopProblem.directions`, shape (b, 2, 2, 3)."""
+        return np.array([problem.directions for problem in self.problems])
+
+    @property
+    def alike_lines(self) -> bool:
+        """Flag of approaches and retracts that are the same lines."""
+        both = self.length, np.moveaxis(self.directions, 2, 1)
+        return all(np.array_equal(line[:, 0], line[:, 1]) for line in both)
+
+    @cached_property
     def _first(self) -> IntArray:
         """Number of each problem's first target among all, shape (b,)."""
         counts = [len(problem.p_base_tool) for problem in self.problems]
@@ -124,7 +136,8 @@ class StopBatch:
         first, index = self.problems[0], self._first[row] + target
         R_tool = product(R_nominal[index], rotation_z(yaw))
         p = p_nominal[index] + product(R_tool, first.p_tool_flange)
-        return ToolPoses(row, product(R_tool, first.R_tool_flange), p, R_tool[..., :, 2])
+        away = outward(self.directions[row], R_tool, np.eye(3))
+        return ToolPoses(row, product(R_tool, first.R_tool_flange), p, away)
 
     def turned_targets(self) -> tuple[IntArray, IntArray, FloatArray]:
         """List problem, target and yaw of every target of every problem at every yaw."""

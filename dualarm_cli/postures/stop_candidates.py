@@ -66,9 +66,10 @@ class StopCandidates:
 
     def follow(self, batch: StopBatch, samples: int) -> FollowedLines:
         """Compute the joints along 2 n lines, all approaches before all retracts."""
-        twice = np.tile(np.arange(len(self.row)), 2)
+        poses, twice = self.poses(batch), np.tile(np.arange(len(self.row)), 2)
         both_lines = self.take(twice)
-        lines = Lines.of(batch, both_lines.poses(batch), batch.length[self.row].T.ravel(), samples)
+        line = np.concatenate([*np.moveaxis(poses.outward, 1, 0)]), batch.length[self.row].T.ravel()
+        lines = Lines.of(batch, poses.take(twice), line, samples)
         end = both_lines.psi + np.concatenate([self.swing_in, self.swing_out])
         return lines.follow(
             both_lines.psi[:, None], end[:, None], both_lines.branch, both_lines.reference(batch)

@@ -27,8 +27,8 @@ def line_path(
     is_retract = line == "retract"
     length = problem.retract if is_retract else problem.approach
     psi_end = posture.psi_retract if is_retract else posture.psi_approach
-    R, p, z = flange_poses(problem, np.array([posture.target]), np.array([posture.yaw]))
-    pose = R[0], p[0], z[0]
+    R, p, away = flange_poses(problem, np.array([posture.target]), np.array([posture.yaw]))
+    pose = R[0], p[0], away[0, int(is_retract)]
     q = problem.arm.follow_line(posture.at_target, pose, length, psi_end, samples)
     if problem.configurations is not None:
         # Exactly, and the given one if the posture is singular.
@@ -47,7 +47,7 @@ def flange_poses(
         yaw: turns about the tool's z axis [rad], shape (k,).
 
     Returns:
-        Rotations (k, 3, 3), positions (k, 3) [m] and tool directions (k, 3).
+        Rotations (k, 3, 3), positions (k, 3) [m] and directions of lines outward (k, 2, 3).
     """
     poses = StopBatch((problem,)).poses(np.zeros(len(target), dtype=np.int64), target, yaw)
-    return poses.R, poses.p, poses.z
+    return poses.R, poses.p, poses.outward

@@ -15,6 +15,7 @@ import numpy as np
 from dualarm_cli.geometry.elementary import cbrt
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
+from dualarm_cli.model.part_flow import Line, LineDirection
 from dualarm_cli.model.schedule import Event, Schedule, Segment, Stage
 from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.waiting import MOVES, whole_transfers
@@ -452,10 +453,12 @@ def _besides(
         ends = np.where(out[:, None], spans, spans[:, ::-1])
         R, p = model.poses(arm, schedule.trajectory.clamped(ends.ravel())[0])
         R, p = R[::2], p.reshape(-1, 2, 3)
+        lines = [_line_of(stops, arm, line) for _, line, _ in batch]
+        pairs = zip(lines, R, strict=True)
+        R = np.array([product(R_tool, line.axes(R_tool)) for (_, line), R_tool in pairs])
         straight = -np.einsum("ki,kij->kj", p[:, 1] - p[:, 0], R)[:, 2]
-        for row, (k, line, transfer) in enumerate(batch):
-            stop = stops.get((arm, line.task, line.action))
-            length = 0.0 if stop is None else getattr(stop, line.kind)
+        for row, (k, _, transfer) in enumerate(batch):
+            length = lines[row][0]
             if straight[row] >= length - CORNERS.whole:
                 continue
             along = np.linspace(transfer.start, transfer.end, CORNERS.instants)
@@ -467,3 +470,9 @@ def _besides(
             within = local[: beyond[0] if len(beyond) else None]
             deviations[k] = float(np.hypot(within[:, 0], within[:, 1]).max(initial=0.0))
     return deviations
+
+
+def _line_of(stops: Mapping[StopKey, Stop], arm: str, part: Segment) -> Line:
+    """Return length and direction of a line of the job; no length for one that it lacks."""
+    stop = stops.get((arm, part.task, part.action))
+    return (0.0, LineDirection()) if stop is None else stop.lines[part.kind == "retract"]

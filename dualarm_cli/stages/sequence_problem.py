@@ -132,4 +132,5 @@ def _target(stop: Stop, yaws: FloatArray | None) -> StopTarget:
         approach=stop.approach,
         retract=stop.retract,
         dwell=stop.dwell.total,
+        directions=stop.directions.vectors,
     )

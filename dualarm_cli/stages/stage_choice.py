@@ -11,6 +11,7 @@ from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import TURN, arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.rotations import outward
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
@@ -97,7 +98,8 @@ def stage_problem(
 def _wrist_before_approach(stop: StopProblem) -> FloatArray:
     """Compute the wrist centre before the approach, carried frame [m], shape (3,)."""
     R_tool = stop.R_base_tool[0]
-    p_tool = stop.p_base_tool[0] - R_tool[:, 2] * stop.approach
+    away = outward(stop.directions, R_tool, np.eye(3))[0]
+    p_tool = stop.p_base_tool[0] + away * stop.approach
     wrist: FloatArray = closed_form(stop.arm).wrist_center(
         product(R_tool, stop.R_tool_flange), p_tool + product(R_tool, stop.p_tool_flange)
     )

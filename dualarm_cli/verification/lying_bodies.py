@@ -255,8 +255,8 @@ class ExecutedJob:
         flange, arm = self._flange(key[0], model), key[0]
         pose_at_stop = self.tool_pose(self.events[key])
         pose_of_part = self.tool_pose(self.events[lying.key])
-        line = stop.approach if stop.action == "pick" else stop.retract
-        back = pin.SE3(np.eye(3), np.array([0.0, 0.0, line]))
+        length, line = stop.lines[stop.action != "pick"]
+        back = line.back(pose_at_stop.rotation, -length)
         tool = (flange.placement * self.job.cell.tools[arm].tcp).actInv(solid.pose)
         part = shape_solid("", WORLD, back * pose_at_stop.actInv(pose_of_part), shape)
         places = [coal.Transform3s(p.rotation, p.translation) for p in (tool, part.pose)]

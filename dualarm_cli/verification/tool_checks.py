@@ -12,6 +12,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import TURN, arctan2
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
+from dualarm_cli.model.part_flow import LineDirection
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
@@ -230,7 +231,7 @@ def pose_error(nominal: pin.SE3, target: PoseTarget, pose: pin.SE3, within: floa
 
 
 def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
-    """Check that tools approach and retract straight along their z axis, by the job's lengths."""
+    """Check that tools approach and retract straight, by the job's lengths and directions."""
     beside, turned, length, gap = Worst(), Worst(), Worst(), Worst()
     events = {(e.arm, e.task, e.action): e for e in schedule.events}
     stops = job.stops_by_key() if job else {}
@@ -288,14 +289,16 @@ def _measure_line(
     where: str,
 ) -> None:
     R, p = tool
-    # In the target's own frame the line is the negative z axis.
-    local = product(p - event.pose.translation, event.pose.rotation)
+    kind, line = int(segment.kind == "retract"), LineDirection()
+    if stop is not None:
+        line = stop.lines[kind][1]
+    # In its own axes the line is the negative z axis.
+    axes = product(event.pose.rotation, line.axes(event.pose.rotation))
+    local = product(p - event.pose.translation, axes)
     worst[0].add(float(np.hypot(local[:, 0], local[:, 1]).max()), where)
     worst[1].add(float(rotation_angle(product(event.pose.rotation.T, R)).max()), where)
-    depth = -local[:, 2] if segment.kind == "retract" else -local[::-1, 2]
-    length = float(depth[-1])
-    if stop is not None:
-        length = stop.retract if segment.kind == "retract" else stop.approach
+    depth = -local[:, 2] if kind else -local[::-1, 2]
+    length = float(depth[-1]) if stop is None else stop.lines[kind][0]
     # Backward motion from the farthest point so far, not between samples: a slow one counts too.
     backwards = float((np.maximum.accumulate(depth) - depth).max())
     beyond = max(-float(depth.min()), float(depth.max()) - length)

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.exporting.files import write_schedule_set
-from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (

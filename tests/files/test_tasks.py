@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.job import Dwell, JointTarget, PoseTarget
+from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.job import JointTarget, PoseTarget
 
 Change = Callable[..., None]
 Messages = Callable[..., list[str]]

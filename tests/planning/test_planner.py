@@ -253,7 +253,7 @@ def test_joint_targets_of_both_arms_leave_the_platform_alone(packing):
 
 def test_picks_without_a_dwell_are_noted(packing):
     """A gripper that takes no time flatters the cycle."""
-    from dualarm_cli.model.job import Dwell
+    from dualarm_cli.model.budget import Dwell
 
     first = packing.tasks[0]
     hasty = dataclasses.replace(

@@ -16,10 +16,11 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import kind_of
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.curves.contours import LineContour
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
 from dualarm_cli.model.curves.tool_path import Line, ToolPath
-from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.process_work import Hold, PathWork, SeamTool, SeamWork
 from dualarm_cli.model.rest_to_rest import RestToRest

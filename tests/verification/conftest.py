@@ -14,8 +14,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, Tool
-from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.job import Job, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import (

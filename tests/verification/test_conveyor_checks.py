@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, Tool
-from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.part_flow import Conveyor, OnBelt
 from dualarm_cli.model.place import Place

@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, Obstacle, Tool
-from dualarm_cli.model.job import Dwell, Job, JointTarget, Stop, Task
+from dualarm_cli.model.job import Job, JointTarget, Stop, Task
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.robot import Arm, JointLimits, Robot

@@ -19,8 +19,8 @@ import pytest
 from dualarm_cli.collision.solids import cell_solids
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Obstacle
-from dualarm_cli.model.job import Dwell
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.settings import PlanSettings

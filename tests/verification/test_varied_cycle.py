@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.budget import Budget, TimeRange
-from dualarm_cli.model.job import Dwell, Job
+from dualarm_cli.model.budget import Budget, Dwell, TimeRange
+from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification.budget_checks import judge_budget

@@ -237,13 +237,14 @@ void srs_solve(const Arm *arm, const double *R, const double *p, const int64_t *
 
 /* Compute the joint paths of candidates along approach and retract, with `samples` each and the target in between.
 
-   R, p, z: flange pose at the target and direction of the lines, (count, 9), (count, 3), (count, 3). branch: (count,).
+   R, p: flange pose at the target, (count, 9), (count, 3). outward: directions of approach and retract from there,
+   (count, 2, 3). branch: (count,).
    psi: arm angles at target, approach and retract, (count, 3). length: of approach and retract, (count, 2).
    reference: the target's joints are on the turn nearest to these, (count, 7).
    max_step: largest change of a joint between two samples.
    path: continuous from the target's turn on, (count, 2 samples - 1, 7); if `lines` is 0, the targets, (count, 1, 7).
    ok: whether all samples are within reach and all changes within max_step, (count,). */
-void srs_lines(const Arm *arm, const double *R, const double *p, const double *z, const int64_t *branch,
+void srs_lines(const Arm *arm, const double *R, const double *p, const double *outward, const int64_t *branch,
                const double *psi, const double *length, const double *reference, double max_step, int64_t samples,
                int64_t lines, int64_t count, double *path, uint8_t *ok)
 {
@@ -261,7 +262,7 @@ void srs_lines(const Arm *arm, const double *R, const double *p, const double *z
             double flange[3], pair[JOINTS][2];
             Curves curves;
             for (int j = 0; j < 3; j++)
-                flange[j] = p[3 * k + j] - z[3 * k + j] * depth;
+                flange[j] = p[3 * k + j] + outward[6 * k + 3 * on_retract + j] * depth;
             compute_curves(arm, R + 9 * k, flange, &curves);
             ok[k] &= (uint8_t)curves.reachable;
             if (curves.reachable)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.files.source.diagnostics import Findings
-from dualarm_cli.files.source.fields import FramedPose, to_se3
+from dualarm_cli.files.source.fields import TOOL, FramedPose, LineSection, to_se3
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document
+from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.model.part_flow import Line, LineDirection
 
 WORLD = "world"
 """Name of the root frame."""
@@ -63,6 +66,36 @@ def _note_cycles(document: Document, waiting: dict[str, FramedPose], findings: F
             seen.update(ring)
             text = " in ".join(quote(name) for name in [*ring, ring[0]])
             findings.add(document, ("frames", ring[0], "in"), f"frames form a cycle: {text}")
+
+
+def read_line(
+    document: Document,
+    loc: tuple[str | int, ...],
+    section: LineSection,
+    outward: int,
+    frames: dict[str, pin.SE3],
+    findings: Findings,
+) -> Line:
+    """Read length and direction of a line, along the tool after noting an unknown frame.
+
+    Args:
+        document: the file that has it.
+        loc: where it stands.
+        section: the line as the file has it.
+        outward: 1 for a retract, -1 for an approach, whose tool moves to the target.
+        frames: frames in the world.
+        findings: where errors are noted.
+    """
+    if section.direction is None:
+        return section.distance, LineDirection()
+    vector = np.array(section.direction)
+    vector *= outward / norm(vector)
+    if section.in_ != TOOL:
+        known = {TOOL: pin.SE3.Identity(), **frames}
+        T_world_frame = frame_pose(document, (*loc, "in"), section.in_, known, findings)
+        vector = vector if T_world_frame is None else product(T_world_frame.rotation, vector)
+    x, y, z = vector.tolist()
+    return section.distance, LineDirection((x, y, z), section.in_ == TOOL)
 
 
 def frame_pose(

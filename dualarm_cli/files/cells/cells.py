@@ -180,7 +180,7 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
     tools = reader.tools(model, robot)
     parts, part_inertias = reader.parts(model)
     grasps = {
-        name: read_grasps(document, name, part, findings)
+        name: read_grasps(document, name, part, frames, findings)
         for name, part in model.parts.items()
         if part.grasps
     }

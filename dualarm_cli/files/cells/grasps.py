@@ -8,23 +8,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.files.cells.cell_frames import read_line
 from dualarm_cli.files.cells.schema_cell import FreeSection, GraspSection, PartSection
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.fields import to_se3
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document
-from dualarm_cli.model.part_flow import Grasp
+from dualarm_cli.model.part_flow import Grasp, Line
 
 MOST_GRASPS = 24
 """Maximum number of grasps of a part, with those for turns, tilts and areas."""
 
 
 def read_grasps(
-    document: Document, name: str, part: PartSection, findings: Findings
+    document: Document,
+    name: str,
+    part: PartSection,
+    frames: dict[str, pin.SE3],
+    findings: Findings,
 ) -> dict[str, Grasp]:
     """Read the grasps of a part by name, after noting that there are too many.
 
@@ -32,13 +38,17 @@ def read_grasps(
         document: the cell file.
         name: name of the part.
         part: the part as the file has it.
+        frames: frames in the world.
         findings: where errors are noted.
     """
-    grasps = {
-        grasp.name: grasp
-        for stated, section in part.grasps.items()
-        for grasp in _repeated(stated, section, part.symmetry or 1)
-    }
+    grasps = {}
+    for stated, section in part.grasps.items():
+        lines: list[Line | None] = []
+        for key, outward in (("approach", -1), ("retract", 1)):
+            line, where = getattr(section, key), ("parts", name, "grasps", stated, key)
+            lines.append(line and read_line(document, where, line, outward, frames, findings))
+        for grasp in _repeated(stated, section, part.symmetry or 1):
+            grasps[grasp.name] = replace(grasp, approach=lines[0], retract=lines[1])
     if len(grasps) > MOST_GRASPS:
         message = (
             f"part {quote(name)} has {len(grasps)} grasps with their turns, tilts and areas; at most {MOST_GRASPS}: "
@@ -65,9 +75,7 @@ def _repeated(stated: str, section: GraspSection, symmetry: int) -> Iterator[Gra
                 turn * pose,
                 free.turn is not None and not label,
                 1 if label and not grasp.is_on_axis else equal,
-                section.approach,
-                section.retract,
-                stated,
+                of=stated,
             )
 
 

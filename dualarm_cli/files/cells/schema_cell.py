@@ -15,6 +15,7 @@ from dualarm_cli.files.source.fields import (
     Clearance,
     Density,
     FramedPose,
+    LineSection,
     Mass,
     Name,
     Pose,
@@ -23,7 +24,6 @@ from dualarm_cli.files.source.fields import (
     Section,
     Size,
     SpeedFraction,
-    StraightLine,
     Symmetry,
     Tilt,
     ToolPose,
@@ -34,6 +34,7 @@ from dualarm_cli.files.source.fields import (
 from dualarm_cli.files.source.short_forms import ByName, ShortForm
 from dualarm_cli.model.cell import TorqueRule
 
+Line = Annotated[LineSection, ShortForm("distance")]
 SHAPE_KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
 """Kinds of solids in a file."""
 
@@ -201,13 +202,15 @@ class GraspSection(ToolPose):
         default=None,
         description="Number of turns about the tool's z axis after which the part looks the same.",
     )
-    approach: StraightLine | None = Field(
+    approach: Line | None = Field(
         default=None,
-        description="Straight approach along the tool's z axis [m]; default: that of the task.",
+        description="Straight approach [m], with its direction if that is not the tool's z axis; default: that of "
+        "the task.",
     )
-    retract: StraightLine | None = Field(
+    retract: Line | None = Field(
         default=None,
-        description="Straight retract along the tool's z axis [m]; default: that of the task.",
+        description="Straight retract [m], with its direction if that is not the tool's z axis; default: that of "
+        "the task.",
     )
 
     @model_validator(mode="after")

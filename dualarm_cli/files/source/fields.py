@@ -200,6 +200,40 @@ class FramedPose(Pose):
     )
 
 
+TOOL = "tool"
+"""Name of the tool's own frame in directions of lines."""
+DirectionPart = Annotated[float, Quantity(Dimension("part of a direction", {"": 1.0}, 1e3))]
+
+
+class LineSection(Section):
+    """Straight line of the tool to a target, or away from it."""
+
+    distance: StraightLine = Field(description="Length of the line [m].")
+    direction: Annotated[list[DirectionPart], Field(min_length=3, max_length=3)] | None = Field(
+        default=None,
+        description="Vector along which the tool moves; default: along its own z axis, to the target or back.",
+    )
+    in_: Name | None = Field(
+        default=None,
+        alias="in",
+        description="Frame of the direction: tool, which turns with the tool, world, or a frame of the cell.",
+    )
+
+    @model_validator(mode="after")
+    def _framed(self) -> LineSection:
+        if self.direction is None and self.in_ is not None:
+            raise refuse("'in' is the frame of a direction; give direction, or remove it", "in")
+        if self.direction is not None and self.in_ is None:
+            raise refuse(
+                "'in' is missing: give in: tool, in: world, or a frame of the cell", "direction"
+            )
+        if self.direction is not None and math.hypot(*self.direction) < SMALLEST_POSITIVE:
+            raise refuse(
+                "a direction has a length; give [0, 0, 1] for upwards in the world", "direction"
+            )
+        return self
+
+
 class VariesSection(Section):
     """Deviations of a pose, evenly distributed, along and about the axes of its frame."""
 

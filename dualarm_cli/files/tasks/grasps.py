@@ -11,6 +11,9 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.model.job import PoseTarget, Stop, Task
 from dualarm_cli.model.part_flow import Grasp, part_as_held
 
+LINES = ("approach", "retract")
+"""Keys of the straight lines of a target."""
+
 if TYPE_CHECKING:
     from dualarm_cli.files.source.yaml_source import Loc
     from dualarm_cli.files.tasks.schema_tasks import TaskSection
@@ -107,9 +110,10 @@ def stop_by_grasp(
         target.free_yaw or grasp.free_yaw,
         math.lcm(target.symmetry, grasp.symmetry),
     )
-    approach, retract = stop.approach, stop.retract
-    if section.approach is None and grasp.approach is not None:
-        approach = grasp.approach
-    if section.retract is None and grasp.retract is not None:
-        retract = grasp.retract
-    return replace(stop, target=target, approach=approach, retract=retract)
+    stop = replace(stop, target=target)
+    for key in LINES:
+        line, stated = getattr(grasp, key), (section, getattr(section, stop.action))
+        if line is not None and all(getattr(keys, key) is None for keys in stated):
+            directions = replace(stop.directions, **{key: line[1]})
+            stop = replace(stop, directions=directions, **{key: line[0]})
+    return stop

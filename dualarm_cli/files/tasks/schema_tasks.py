@@ -15,7 +15,7 @@ from pydantic import (
 from pydantic_core import core_schema
 
 from dualarm_cli.files.cells.grids import MOST_PLACES
-from dualarm_cli.files.cells.schema_cell import CareSection, LimitsSection
+from dualarm_cli.files.cells.schema_cell import CareSection, LimitsSection, Line
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     SMALLEST_POSITIVE,
@@ -23,11 +23,11 @@ from dualarm_cli.files.source.fields import (
     Clearance,
     Duration,
     FramedPose,
+    LineSection,
     Name,
     Quantity,
     Section,
     SpeedFraction,
-    StraightLine,
     StraightPart,
     Symmetry,
     VariesSection,
@@ -217,6 +217,13 @@ class TargetSection(FramedPose):
         default=None,
         description="Number of equivalent rotations about the tool's z axis in a full turn.",
     )
+    approach: Line | None = Field(
+        default=None, description="Straight approach to this target [m]; default: that of the task."
+    )
+    retract: Line | None = Field(
+        default=None,
+        description="Straight retract from this target [m]; default: that of the task.",
+    )
     varies: Annotated[VariesSection, ShortForm("xy")] | None = Field(
         default=None,
         description="Deviations of the pose along and about the axes of its frame [m], as of a part in its place; "
@@ -339,11 +346,13 @@ class TaskSection(CareSection, TaskHead):
         description="Whether the part leaves the cell once it is placed, as by a chute or a person; default: "
         "that of the defaults.",
     )
-    approach: StraightLine | None = Field(
-        default=None, description="Straight approach along the tool's z axis [m]."
+    approach: Line | None = Field(
+        default=None,
+        description="Straight approach [m], with its direction if that is not the tool's z axis.",
     )
-    retract: StraightLine | None = Field(
-        default=None, description="Straight retract along the tool's z axis [m]."
+    retract: Line | None = Field(
+        default=None,
+        description="Straight retract [m], with its direction if that is not the tool's z axis.",
     )
     straight: StraightPart | None = Field(
         default=None,
@@ -369,6 +378,8 @@ class TaskSection(CareSection, TaskHead):
             raise refuse("'blend' goes with a move, or into a path; remove it", "blend")
         for key in ("approach", "retract", "dwell"):
             given = getattr(self, key)
+            if isinstance(given, LineSection):
+                given = given.distance
             if isinstance(given, DwellSection):
                 given = any(part.most for part in given.parts)
             if given:
@@ -382,11 +393,13 @@ class TaskSection(CareSection, TaskHead):
 class DefaultsSection(Section):
     """Default values of picks and places."""
 
-    approach: StraightLine = Field(
-        default=0.0, description="Straight approach along the tool's z axis [m]."
+    approach: Line = Field(
+        default=LineSection.model_construct(distance=0.0),
+        description="Straight approach [m], with its direction if that is not the tool's z axis.",
     )
-    retract: StraightLine = Field(
-        default=0.0, description="Straight retract along the tool's z axis [m]."
+    retract: Line = Field(
+        default=LineSection.model_construct(distance=0.0),
+        description="Straight retract [m], with its direction if that is not the tool's z axis.",
     )
     dwell: Dwell = Field(
         default=DwellSection.model_construct(), description="Time at each target [s]."

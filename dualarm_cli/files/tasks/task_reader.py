@@ -10,13 +10,14 @@ from typing import Annotated, Any
 
 from pydantic import create_model, model_validator
 
+from dualarm_cli.files.cells.cell_frames import read_line
 from dualarm_cli.files.source.diagnostics import Findings
-from dualarm_cli.files.source.fields import refuse
+from dualarm_cli.files.source.fields import LineSection, refuse
 from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.curves import CurveReader
-from dualarm_cli.files.tasks.grasps import grasped
+from dualarm_cli.files.tasks.grasps import LINES, grasped
 from dualarm_cli.files.tasks.schema_tasks import (
     SIGNAL_KEYS,
     DefaultsSection,
@@ -28,10 +29,10 @@ from dualarm_cli.files.tasks.schema_tasks import (
 )
 from dualarm_cli.files.tasks.target_reader import TargetReader
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.model.budget import TimeRange
+from dualarm_cli.model.budget import Dwell, TimeRange
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import ANY, Action, Dwell, Job, Stop, Task
-from dualarm_cli.model.part_flow import kind_of_part
+from dualarm_cli.model.job import ANY, Action, Job, JointTarget, Stop, Task
+from dualarm_cli.model.part_flow import Line, LineDirections, kind_of_part
 from dualarm_cli.model.place import Place
 from dualarm_cli.records import dataclass
 
@@ -352,31 +353,53 @@ class TaskReader:
             target = self.targets.target(target_section, place, by)
             if target is None:
                 continue
-            around, varying = self._surroundings(section, action == "move")
+            lines = self._lines(section, target_section, place)
+            if isinstance(target, JointTarget) and not all(line.turns for _, line in lines):
+                message = (
+                    "joint positions say nothing of the world: give in: tool to the directions of approach and "
+                    "retract, or the target as a pose"
+                )
+                self.note((*place, target_section.by_joints or ""), message)
+            dwell, varying = self._dwell(section, action == "move")
+            (approach, towards), (retract, away) = lines
             straight = section.straight if section.straight is not None else self.defaults.straight
             ranges = self.targets.ranges(target_section, target, f"{section.id} {action}")
             where = self.place(place)
-            stop = Stop(action, target, *around, where, varying=varying, ranges=ranges)
+            stop = Stop(
+                action, target, approach, retract, dwell, where, varying=varying, ranges=ranges
+            )
+            stop = replace(stop, directions=LineDirections(towards, away))
             if straight is not None:
                 stop = replace(stop, straight=straight)
             blend = section.blend if section.blend is not None else self.defaults.blend
-            if blend is not None and action == "move" and not (any(around[:2]) or around[2].total):
+            if blend is not None and action == "move" and not (approach or retract or dwell.total):
                 stop = replace(stop, blend=blend)
             for kind in self._kinds:
                 stop = kind.stop(self, target_section, place, stop)
             stops.append(stop)
         return tuple(stops)
 
-    def _surroundings(
-        self, section: TaskSection, bare: bool
-    ) -> tuple[tuple[float, float, Dwell], tuple[TimeRange, ...]]:
-        """Read approach, retract, dwell and its varying parts; defaults are of picks and places."""
-        approach = 0.0 if bare else self.defaults.approach
-        retract = 0.0 if bare else self.defaults.retract
+    def line(self, section: LineSection, loc: Loc) -> Line:
+        """Read an approach or retract, as the last key of its location says."""
+        outward = -1 if loc[-1] == "approach" else 1
+        frames = dict(self.cell.frames)
+        return read_line(self.document, loc, section, outward, frames, self.findings)
+
+    def _lines(self, section: TaskSection, target: TargetSection, loc: Loc) -> list[Line]:
+        """Read approach and retract of a target; defaults are of picks and places."""
+        lines = []
+        for key in LINES:
+            line: tuple[LineSection, Loc] = getattr(self.defaults, key), ("defaults", key)
+            if loc[-1] == "move":
+                line = LineSection.model_construct(distance=0.0), loc
+            for stated, where in ((section, loc[:-1]), (target, loc)):
+                if getattr(stated, key) is not None:
+                    line = getattr(stated, key), (*where, key)
+            lines.append(self.line(*line))
+        return lines
+
+    def _dwell(self, section: TaskSection, bare: bool) -> tuple[Dwell, tuple[TimeRange, ...]]:
+        """Read a dwell and its varying parts; defaults are of picks and places."""
         dwell = section.dwell or (DwellSection() if bare else self.defaults.dwell)
-        around = (
-            section.approach if section.approach is not None else approach,
-            section.retract if section.retract is not None else retract,
-            Dwell(*(part.nominal for part in dwell.parts)),
-        )
-        return around, tuple(part for part in dwell.parts if part.least < part.most)
+        nominal = Dwell(*(part.nominal for part in dwell.parts))
+        return nominal, tuple(part for part in dwell.parts if part.least < part.most)

@@ -86,7 +86,7 @@ def check_conveyors(
     """Check tools at targets on conveyors; an empty list without such targets.
 
     At its event a tool is at the part, within the stretch that the file allows, and at the belt's velocity; during the
-    dwell it stays with the part. On the lines it moves along its z axis in the belt's frame, over the lengths of the
+    dwell it stays with the part. On the lines it moves straight in the belt's frame, over the lengths of the
     file; beyond them its path is free.
 
     Args:
@@ -167,7 +167,7 @@ def _measure_lines(
 ) -> None:
     """Add errors in straightness and length of an event's lines in the belt's frame."""
     end = event.time + event.dwell
-    for kind, length in (("approach", stop.approach), ("retract", stop.retract)):
+    for kind, (length, line) in zip(("approach", "retract"), stop.lines, strict=True):
         place = f"{kind} of {event.task} ({event.action})"
         segments = [
             s
@@ -188,15 +188,17 @@ def _measure_lines(
         # From the part outward.
         times = times[::-1] if kind == "approach" else times
         local, angle = _in_belt(schedule, model, event, times)
+        local = product(local, line.axes(event.pose.rotation))
         depth = -local[:, 2]
         reached = np.flatnonzero(depth >= length - TOL.line_distance)
         if not len(reached):
             violations.length.add(length - float(depth.max()), place)
-        line = slice(0, int(reached[0]) + 1 if len(reached) else len(depth))
-        violations.straight.add(float(np.hypot(local[line, 0], local[line, 1]).max()), place)
-        violations.turned.add(float(angle[line].max()), place)
-        backward = float((np.maximum.accumulate(depth[line]) - depth[line]).max())
-        violations.length.add(max(backward, -float(depth[line].min()), abs(float(depth[0]))), place)
+        on_line = slice(0, int(reached[0]) + 1 if len(reached) else len(depth))
+        violations.straight.add(float(np.hypot(*local[on_line, :2].T).max()), place)
+        violations.turned.add(float(angle[on_line].max()), place)
+        backward = float((np.maximum.accumulate(depth[on_line]) - depth[on_line]).max())
+        off = max(backward, -float(depth[on_line].min()), abs(float(depth[0])))
+        violations.length.add(off, place)
 
 
 CHECKS = KindChecks(

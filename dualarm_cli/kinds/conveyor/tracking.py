@@ -274,11 +274,11 @@ class Tracking:
 
     def _postures(self, phases: TrackingPhases, time: FloatArray) -> tuple[FloatArray, bool]:
         """Compute exact joints at instants [rad], shape (m, n), and whether all are feasible."""
-        R, p, z = flange_poses(
+        R, p, outward = flange_poses(
             self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
         )
-        along, depth, away = self._course(phases, time)
-        points = p[0] + along[:, None] * self.velocity - depth[:, None] * z[0]
+        along, depths, away = self._course(phases, time)
+        points = p[0] + along[:, None] * self.velocity + product(depths, outward[0])
         middle = self.posture.psi_target
         first, last = self.posture.psi_approach - middle, self.posture.psi_retract - middle
         drift = away[0] * first + away[1] * last
@@ -288,7 +288,7 @@ class Tracking:
     def _course(
         self, phases: TrackingPhases, time: FloatArray
     ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
-        """Compute the tool's motion relative to the target: belt time [s], depth [m], progress.
+        """Compute the tool's motion relative to the target: belt time [s], depths [m], progress.
 
         Belt time is that from the target to below the tool. Both progresses are fractions of the motion from the target
         to the begin and to the end of the stop's motion.
@@ -305,18 +305,18 @@ class Tracking:
         )
         # On ramps the tool travels less than the belt.
         along = time - reached + rise - fall
-        depth = np.zeros_like(time)
+        depths = np.zeros((len(time), 2))
         if phases.approach > 0.0:
             fraction = np.clip((reached - time) / phases.approach, 0.0, 1.0)
-            depth += self.problem.approach * line_progress(fraction, phases.shape)
+            depths[:, 0] = self.problem.approach * line_progress(fraction, phases.shape)
         if phases.retract > 0.0:
             fraction = np.clip((time - departed) / phases.retract, 0.0, 1.0)
-            depth += self.problem.retract * line_progress(fraction, phases.shape)
+            depths[:, 1] = self.problem.retract * line_progress(fraction, phases.shape)
         away = (
             line_progress(np.clip((reached - time) / reached, 0.0, 1.0), 0),
             line_progress(np.clip((time - departed) / (end - departed), 0.0, 1.0), 0),
         )
-        return along, depth, away
+        return along, depths, away
 
     def _slowing(self, motion: Trajectory, phases: TrackingPhases) -> FloatArray:
         """Compute the stretch of each phase that its torques require [factor], shape (5,)."""
@@ -371,14 +371,14 @@ class Tracking:
         """Test whether the tool is at its target between the knots."""
         time = dense(motion.time)
         R, p = self._tool(motion.clamped(time)[0])
-        R_target, p_target, z = flange_poses(
+        R_target, p_target, outward = flange_poses(
             self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
         )
         tip = p_target[0] - product(
             R_target[0], self.problem.R_tool_flange.T, self.problem.p_tool_flange
         )
-        along, depth, _ = self._course(phases, time)
-        target = tip + along[:, None] * self.velocity - depth[:, None] * z[0]
+        along, depths, _ = self._course(phases, time)
+        target = tip + along[:, None] * self.velocity + product(depths, outward[0])
         error = norm(p - target, axis=1)
         # |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2).
         angle = norm(R - R_target[0], axis=(1, 2)) / np.sqrt(2.0)

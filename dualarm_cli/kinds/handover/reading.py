@@ -169,7 +169,8 @@ def handover_shares(
 ) -> list[Task]:
     """Create the giving task, pick and give, and the taking one, take and place.
 
-    The taker approaches and grips while the giver stands still; then the giver lets go and retracts.
+    The taker approaches as at its place and grips while the giver stands still; then the giver lets go and retracts
+    as from its pick.
 
     Args:
         whole: the task with the giving arm and the part as it is picked, without stops.
@@ -184,8 +185,9 @@ def handover_shares(
     x, y, z = product(grip.rotation.T, np.array(held or np.zeros(3))).tolist()
     work = Handover(whole.arm, taker, grip, place, (x, y, z) if held else None)
     give = Stop("give", PoseTarget(pose), 0.0, pick.retract, pick.dwell, place)
-    take = Stop("take", PoseTarget(pose * grip), pick.approach, 0.0, pick.dwell, place)
-    take = replace(take, varying=pick.varying)
+    give = replace(give, directions=pick.directions)
+    take = Stop("take", PoseTarget(pose * grip), put.approach, 0.0, pick.dwell, place)
+    take = replace(take, varying=pick.varying, directions=put.directions)
     return [
         replace(whole, stops=(pick, give), handover=work),
         replace(

@@ -17,7 +17,8 @@ from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.kinds.tool_change.cell_reading import NO_TOOL
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import ANY, PoseTarget, Target, Task
+from dualarm_cli.model.job import ANY, PoseTarget, Stop, Task
+from dualarm_cli.model.part_flow import LineDirections
 
 COAXIAL = 1e-6
 """Largest distance between the z axes of a tool and the arm's own [m].
@@ -97,10 +98,7 @@ def with_tool(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) ->
     """
     assert isinstance(section, ToolTask)  # the registry of kinds guarantees it
     arm, tool = _choose(reader, section, loc, task.arm)
-    stops = [
-        replace(stop, target=_in_own_frame(reader, stop.target, (*loc, stop.action), arm, tool))
-        for stop in task.stops
-    ]
+    stops = [_in_own_frame(reader, stop, (*loc, stop.action), arm, tool) for stop in task.stops]
     grasp = task.grasp
     if grasp is not None and tool:
         capable = next(name for name in reader.arms if tool in reader.cell.tool_names(name))
@@ -154,15 +152,21 @@ def _choose(reader: TaskReader, section: ToolTask, loc: Loc, arm: str) -> tuple[
     return (arm if len(capable) == len(arms) else capable[0]), requested
 
 
-def _in_own_frame(reader: TaskReader, target: Target, loc: Loc, arm: str, tool: str) -> Target:
-    """Convert a target of a changed tool's centre point to the permanent tool's frame.
+def _in_own_frame(reader: TaskReader, stop: Stop, loc: Loc, arm: str, tool: str) -> Stop:
+    """Convert target and lines of a changed tool's centre point to the permanent tool's frame.
 
     T_world_own = T_world_target T_tool_own. Joint configurations stay.
     """
-    if not tool or not isinstance(target, PoseTarget):
-        return target
+    target = stop.target
+    if not tool:
+        return stop
     capable = [name for name in reader.arms if tool in reader.cell.tool_names(name)]
     T_own_tool = reader.cell.T_own_tool(capable[0] if arm == ANY else arm, tool)
+    approach, retract = stop.directions.approach, stop.directions.retract
+    R = T_own_tool.rotation
+    stop = replace(stop, directions=LineDirections(approach.in_frame(R), retract.in_frame(R)))
+    if not isinstance(target, PoseTarget):
+        return stop
     offset = float(np.hypot(*T_own_tool.translation[:2]))
     if offset > COAXIAL and (target.free_yaw or target.symmetry > 1):
         key = "free" if target.free_yaw else "symmetry"
@@ -172,7 +176,7 @@ def _in_own_frame(reader: TaskReader, target: Target, loc: Loc, arm: str, tool: 
             "two coaxial"
         )
         reader.note((*loc, key), message)
-    return replace(target, pose=target.pose * T_own_tool.inverse())
+    return replace(stop, target=replace(target, pose=target.pose * T_own_tool.inverse()))
 
 
 def _note(reader: TaskReader, loc: Loc, section: ToolTask, message: str) -> None:

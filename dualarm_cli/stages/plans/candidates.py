@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.products import product
+from dualarm_cli.geometry.rotations import outward
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
@@ -179,7 +180,7 @@ def flange_poses(
     yaw: FloatArray,
     position: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute flange poses at targets in the carried frame, and tool directions there.
+    """Compute flange poses at targets in the carried frame, and directions of lines there.
 
     Args:
         platform: the chain that carries the arm.
@@ -189,7 +190,7 @@ def flange_poses(
         position: platform joints, shape (..., k).
 
     Returns:
-        Rotations (..., 3, 3), positions (..., 3) [m], the tool's z axes (..., 3).
+        Rotations (..., 3, 3), positions (..., 3) [m], directions outward (..., 2, 3).
     """
     R_world, p_world = platform.pose(position)
     R_inverse = np.swapaxes(R_world, -1, -2)
@@ -203,8 +204,20 @@ def flange_poses(
     return (
         product(R_tool, arm.R_tool_flange),
         p_tool + product(R_tool, arm.p_tool_flange),
-        R_tool[..., :, 2],
+        outward(table.directions[row], R_tool, R_inverse),
     )
+
+
+def line_ends(p: FloatArray, away: FloatArray, length: FloatArray) -> FloatArray:
+    """Compute flange positions at target, approach and retract [m], shape (n, 3, 3).
+
+    Args:
+        p: flange positions at the targets [m], shape (n, 3).
+        away: directions of the lines outward, shape (n, 2, 3).
+        length: lengths of the lines [m], shape (2,) or (n, 2).
+    """
+    target = p[:, None, :]
+    return np.concatenate([target, target + away * length[..., None]], axis=1)
 
 
 def platform_positions(problem: SequenceProblem, angle: FloatArray) -> FloatArray:

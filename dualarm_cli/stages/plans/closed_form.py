@@ -18,6 +18,7 @@ from dualarm_cli.stages.plans.candidates import (
     Nodes,
     bulges,
     flange_poses,
+    line_ends,
     platform_positions,
     thinned,
     timed_postures,
@@ -74,13 +75,13 @@ def _postures(
     work, n = problem.arms[arm], len(stage)
     row = table.first[stage] + candidates.target
     position = platform_positions(problem, angle)
-    R, p, z = flange_poses(problem.platform, work, row, candidates.yaw, position)
+    R, p, away = flange_poses(problem.platform, work, row, candidates.yaw, position)
     length = np.stack([table.approach[stage], table.retract[stage]], axis=1)
     psi = np.stack([candidates.psi_target, candidates.psi_approach, candidates.psi_retract], axis=1)
     q, ok = compiled.joints_along_lines(
         work.closed_form.numbers,
         compiled.LinePair(
-            (R, p, z), candidates.branch, psi, length, np.broadcast_to(candidates.near, (n, 7))
+            (R, p, away), candidates.branch, psi, length, np.broadcast_to(candidates.near, (n, 7))
         ),
         LARGEST_STEP,
         LINE_SAMPLES,
@@ -153,16 +154,15 @@ def grid_nodes(
     assert stop is not None  # callers ask for active stages only
     if stop.configurations is not None:
         return _configuration_nodes(problem, arm, stage, stop, grid)
-    free_last = stop.free_yaw and work.yaw_turns_last_joint
+    free_last = work.frees_last_joint(stop)
     yaws = _yaws(stop, free_last, problem.settings.node_yaws)
     f = np.repeat(np.arange(len(grid.angles)), len(yaws))
     y = np.tile(yaws, len(grid.angles))
     row = np.full(len(f), table.first[stage])
-    R, p, z = flange_poses(
+    R, p, away = flange_poses(
         problem.platform, work, row, y, platform_positions(problem, grid.angles[f])
     )
-    depths = np.array([0.0, stop.approach, stop.retract])
-    points = p[:, None, :] - z[:, None, :] * depths[:, None]
+    points = line_ends(p, away, np.array([stop.approach, stop.retract]))
     reachable = (work.closed_form.reach_miss(R[:, None], points) == 0.0).all(axis=1)
     f, y, R, points = f[reachable], y[reachable], R[reachable], points[reachable]
     r, i, b, swing, q = compiled.nodes(

@@ -63,15 +63,15 @@ def _postures(
 ) -> CandidatePostures:
     table = work.stop_table
     row = table.first[stage] + candidates.target
-    R, p, z = _poses(problem, work, stage, angle, candidates)
+    poses = _poses(problem, work, stage, angle, candidates)
     carried = table.carried[row]
     # What is beyond a limit is followed as well, and judged with what may be between the samples.
     near = candidates.near.astype(np.float64)
-    q, ok = moved_along(_loose(work), near, R, p, candidates.psi_target)
+    q, ok = moved_along(_loose(work), near, *poses[:2], candidates.psi_target)
     q = np.where(carried[:, None], table.configuration[row], q)
     ok |= carried
     length = np.stack([table.approach[stage], table.retract[stage]])
-    path, followed = _followed(_loose(work), length, candidates, (R, p, z), q, LINE_SAMPLES)
+    path, followed = _followed(_loose(work), length, candidates, poses, q, LINE_SAMPLES)
     if path is None:
         return timed_postures(work, q[:, None], ok, np.zeros(1), table.dwell[stage])
     both = np.moveaxis(np.concatenate([path[:0:-1, 0], path[:, 1]]), 0, 1)
@@ -166,9 +166,9 @@ def _grid_nodes(
     index, rows = _targets(problem, work, stage, grid, thorough)
     count = len(index)
     stages, angle = np.full(count, stage), grid.angles[index]
-    R, p, z = _poses(problem, work, stages, angle, rows)
+    poses = _poses(problem, work, stages, angle, rows)
     length = np.stack([table.approach[stages], table.retract[stages]])
-    path, ok = _followed(general, length, rows, (R, p, z), rows.near, POSTURES.end_samples)
+    path, ok = _followed(general, length, rows, poses, rows.near, POSTURES.end_samples)
     ends = np.stack([rows.near, rows.near]) if path is None else path[-1]
     out, back = (work.law.duration(end - rows.near) for end in ends)
     time = problem.settings.line_factor * (out + back) + stop.dwell
@@ -256,7 +256,7 @@ def _poses(
     angle: FloatArray,
     rows: ArmDecisions,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute flange rotations, positions and tool directions of candidates at their targets."""
+    """Compute flange rotations, positions and directions of lines of candidates at their targets."""
     table = work.stop_table
     row = table.first[stage] + rows.target
     position = platform_positions(problem, angle)
@@ -284,14 +284,14 @@ def _followed(
     Returns:
         Joints (samples, 2, n, joints), None where no candidate has a line, and which are followed, shape (n,).
     """
-    R, p, z = poses
+    R, p, away = poses
     ok = np.asarray(general.within_limits(q))
     if not length.any():
         return None, ok
     drift = np.stack([rows.psi_approach, rows.psi_retract]) - rows.psi_target
     path = np.broadcast_to(q, (samples, 2, *q.shape)).copy()
     which, k = np.nonzero(length > 0.0)
-    lines = FlangeLines(R[k], p[k], -z[k] * length[which, k, None])
+    lines = FlangeLines(R[k], p[k], away[k, which] * length[which, k, None])
     skeleton = POSTURES.end_samples if samples == LINE_SAMPLES else CONTINUATION.skeleton
     course = general.follow_lines(q[k], lines, drift[which, k], samples, skeleton)
     path[:, which, k] = course.q

@@ -14,6 +14,7 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.posture_source import PostureSource
 from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
+from dualarm_cli.model.part_flow import LineDirections
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
@@ -38,16 +39,29 @@ class StopTarget:
     free_yaw: bool
     """Whether any turn about the tool's z axis will do."""
     approach: float
-    """Length of the straight line to the target, along the tool's z axis [m]."""
+    """Length of the straight line to the target [m]."""
     retract: float
     """Length of the straight line away from it [m]."""
     dwell: float
     """Dwell at the target [s]."""
+    directions: FloatArray = field(default_factory=lambda: LineDirections().vectors)
+    """Directions of lines outward: in the tool's frame, then in the world's, shape (2, 2, 3)."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("R_world_tool", "p_world_tool", "yaw"):
+        for name in ("R_world_tool", "p_world_tool", "yaw", "directions"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def is_given(self) -> bool:
+        """Whether configurations are the targets."""
+        return self.configurations is not None
+
+    @property
+    def lines_turn(self) -> bool:
+        """Whether a yaw turns a line to another direction."""
+        turning = self.directions[0] * np.array([[self.approach], [self.retract]])
+        return bool(turning[:, :2].any())
 
 
 @dataclass(frozen=True)
@@ -99,11 +113,15 @@ class ArmWork:
 
     @property
     def yaw_turns_last_joint(self) -> bool:
-        """Whether a free yaw leaves the last joint free.
+        """Whether a free yaw leaves the last joint free, where it turns no line.
 
         Of arms without an arm angle it does not: their nodes have several yaws.
         """
         return self.kinematics.has_arm_angle and self.last_axis_is_tools
+
+    def frees_last_joint(self, stop: StopTarget) -> bool:
+        """Return whether the yaw of a stop leaves the last joint free."""
+        return stop.free_yaw and not stop.lines_turn and self.yaw_turns_last_joint
 
     @property
     def last_axis_is_tools(self) -> bool:
@@ -133,6 +151,8 @@ class StopTable:
     """Flags of configuration rows, which move with the platform, shape (m,)."""
     configuration: FloatArray
     """Joints of configuration rows [rad], shape (m, joints); zeros elsewhere."""
+    directions: FloatArray
+    """Directions of lines outward, `StopTarget.directions`, shape (m, 2, 2, 3)."""
     approach: FloatArray
     """Length of each stage's approach [m], shape (n,)."""
     retract: FloatArray
@@ -142,7 +162,7 @@ class StopTable:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("R", "p", "configuration", "approach", "retract", "dwell"):
+        for name in ("R", "p", "configuration", "approach", "retract", "dwell", "directions"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @classmethod
@@ -153,10 +173,13 @@ class StopTable:
         p: list[FloatArray] = []
         carried: list[bool] = []
         configuration: list[FloatArray] = []
+        directions: list[FloatArray] = []
         for stop in arm.stops:
             first.append(len(R))
             if stop is None:
                 continue
+            count = 1 if stop.configurations is None else len(stop.configurations)
+            directions.extend([stop.directions] * count)
             if stop.configurations is None:
                 R.append(stop.R_world_tool)
                 p.append(stop.p_world_tool)
@@ -167,15 +190,16 @@ class StopTable:
             R_tool = product(R_flange, arm.R_tool_flange.T)
             R.extend(R_tool)
             p.extend(p_flange - product(R_tool, arm.p_tool_flange))
-            carried.extend([True] * len(stop.configurations))
+            carried.extend([True] * count)
             configuration.extend(stop.configurations)
         if not R:
             # An arm without stops gets one placeholder row for its idle stages.
-            R, p, carried, configuration = (
+            R, p, carried, configuration, directions = (
                 [np.eye(3)],
                 [np.zeros(3)],
                 [False],
                 [np.zeros(arm.joints)],
+                [np.zeros((2, 2, 3))],
             )
         return cls(
             np.minimum(np.array(first, dtype=np.int64), len(R) - 1),
@@ -184,6 +208,7 @@ class StopTable:
             np.array(p).reshape(-1, 3),
             np.array(carried, dtype=np.bool_),
             np.array(configuration).reshape(-1, arm.joints),
+            np.array(directions),
             *(
                 np.array([0.0 if stop is None else getattr(stop, name) for stop in arm.stops])
                 for name in ("approach", "retract", "dwell")

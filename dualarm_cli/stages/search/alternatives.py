@@ -96,7 +96,8 @@ def _with_like_yaws(problems: Sequence[SequenceProblem]) -> list[SequenceProblem
     """Sample the free yaws of stops that have alternatives with a fixed yaw."""
 
     def sampled(stop: StopTarget | None, a: int, k: int) -> StopTarget | None:
-        free = [s.free_yaw for p in problems if (s := p.arms[a].stops[k]) is not None]
+        stops = [s for p in problems if (s := p.arms[a].stops[k]) is not None]
+        free = [s.free_yaw and not s.lines_turn for s in stops]
         if stop is None or not stop.free_yaw or all(free):
             return stop
         step = max(1, len(stop.yaw) // ALTERNATIVES.yaws)

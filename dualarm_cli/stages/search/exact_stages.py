@@ -79,7 +79,7 @@ def exact_nodes(
         joints.q_approach[possible],
         joints.q_retract[possible],
         joints.work[possible],
-        stop.free_yaw and work.yaw_turns_last_joint,
+        work.frees_last_joint(stop),
     )
     return thinned(nodes, most)
 

@@ -64,9 +64,7 @@ def with_yaws(problem: SequenceProblem, decisions: Decisions, *, turned: bool = 
     """
     arms = []
     for a, work in enumerate(problem.arms):
-        free = np.array(
-            [s is not None and s.free_yaw and s.configurations is None for s in work.stops]
-        )
+        free = np.array([s is not None and s.free_yaw and not s.lines_turn for s in work.stops])
         rows = decisions.arms[a]
         if work.yaw_turns_last_joint and (turned or free.any()):
             rows = _shared_out(problem, a, decisions.angle, rows, free, turned)
@@ -131,7 +129,7 @@ def _options(
     options = []
     for k, stage in enumerate(stages):
         stop, turns = work.stops[stage], np.zeros(1)
-        if stop is not None and not stop.free_yaw and stop.configurations is None:
+        if stop is not None and not (stop.free_yaw or stop.lines_turn or stop.is_given):
             turns = _sense(work) * (stop.yaw - rows.yaw[stage])
             turns = (turns[:, None] + 2.0 * np.pi * np.arange(-1, 2)).ravel()
             turns = turns[(last[k].min() + turns >= low) & (last[k].max() + turns <= high)]
@@ -342,7 +340,7 @@ def own_node(
         postures.q_approach[row],
         postures.q_retract[row],
         postures.work[row],
-        stop.free_yaw and work.yaw_turns_last_joint,
+        work.frees_last_joint(stop),
     )
 
 

@@ -12,6 +12,7 @@ from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
 from dualarm_cli.stages.plans.candidates import (
     Grid,
     flange_poses,
+    line_ends,
     platform_positions,
 )
 from dualarm_cli.stages.plans.problem import SequenceProblem
@@ -111,9 +112,9 @@ def _poses(
     table = problem.arms[a].stop_table
     work, stages = problem.arms[a], np.broadcast_to(stage, len(angles))
     row = table.first[stages]
-    R, p, z = flange_poses(problem.platform, work, row, yaw, platform_positions(problem, angles))
-    depths = np.stack([np.zeros(len(row)), table.approach[stages], table.retract[stages]], axis=1)
-    return R[:, None], p[:, None, :] - z[:, None, :] * depths[:, :, None]
+    R, p, away = flange_poses(problem.platform, work, row, yaw, platform_positions(problem, angles))
+    length = np.stack([table.approach[stages], table.retract[stages]], axis=1)
+    return R[:, None], line_ends(p, away, length)
 
 
 def arm_angle_intervals(

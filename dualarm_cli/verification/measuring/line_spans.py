@@ -14,6 +14,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.job import Job, Stop
+from dualarm_cli.model.part_flow import Line
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.measuring.dense_times import AT_ONCE, dense_spans
@@ -46,7 +47,7 @@ class LineSpan:
 def line_spans(schedule: Schedule, job: Job, model: ToolModel) -> tuple[LineSpan, ...]:
     """Measure the line spans of the job's stops, in the order of events.
 
-    The line of a stop is the tool's negative z axis at the event, with the job's length; it moves with a moving target.
+    The line of a stop begins at the event, with the job's length and direction; it moves with a moving target.
     An approach begins at the last time before the event at which the tool is at the outer end of this line, or as far
     out as it is without leaving the line; a retract ends at the first such time after the dwell.
 
@@ -98,7 +99,12 @@ class _Line:
     @property
     def length(self) -> float:
         """Length of the job's line [m]."""
-        return self.stop.approach if self.limit < self.target_time else self.stop.retract
+        return self.line[0]
+
+    @property
+    def line(self) -> Line:
+        """Length and direction of the job's line."""
+        return self.stop.lines[int(self.limit >= self.target_time)]
 
 
 def _line_ends(schedule: Schedule, model: ToolModel, lines: Sequence[_Line]) -> list[float]:
@@ -174,7 +180,9 @@ def _on_lines(
     velocity = np.array([line.stop.velocity for line in lines])
     moved = p - p_event[line] - (times - events[line])[:, None] * velocity[line]
     turn = R_event.transpose(0, 2, 1)[line]
-    local = product(turn, moved[:, :, None])[:, :, 0]
+    pairs = zip(lines, R_event, strict=True)
+    axes = np.array([each.line[1].axes(R_tool) for each, R_tool in pairs])[line]
+    local = product(moved[:, None], turn.transpose(0, 2, 1), axes)[:, 0]
     depth = -local[:, 2]
     on_line = (np.hypot(local[:, 0], local[:, 1]) <= TOL.line_distance) & (
         rotation_angle(product(turn, R)) <= TOL.line_angle
