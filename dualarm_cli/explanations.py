@@ -228,7 +228,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "No posture reaches a target",
         (
             "The target is beyond the arm's reach, too near the shoulder, or turned so that a joint would exceed its limit.",
-            "Approach and retract lines must be in reach as well, along the tool's z axis.",
+            "Approach and retract lines must be in reach as well.",
             "Both arms reach their targets of a stage, but from no common platform angle.",
             "Every posture there collides.",
         ),

@@ -105,10 +105,11 @@ class _AngleProgram(NonlinearProgram):
         index = table.first[[k]] + row.target
         carried = bool(table.carried[index[0]])
         position = platform_positions(self.problem, self.start.decisions.angle[[k]])
-        R, p, z = (
+        R, p, (away, _) = (
             value[0]
             for value in flange_poses(self.problem.platform, work, index, row.yaw, position)
         )
+        z = -away
         for column in np.flatnonzero(self.numbering[a][k] >= 0).tolist():
             bounds = np.array([-self.box]), np.array([self.box])
             self.steps[a, k, column] = self.variable(np.zeros(1), *bounds)

@@ -80,10 +80,11 @@ class _JointProgram(NonlinearProgram):
         index = table.first[[k]] + row.target
         carried = bool(table.carried[index[0]])
         position = platform_positions(self.problem, self.start.decisions.angle[[k]])
-        R, p, z = (
+        R, p, (away, _) = (
             value[0]
             for value in flange_poses(self.problem.platform, work, index, row.yaw, position)
         )
+        z = -away
         stop = work.stops[k]
         yaw: Any = 0.0
         if stop is not None and stop.free_yaw and not carried:

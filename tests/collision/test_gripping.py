@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Cell, Tool
-from dualarm_cli.model.part_flow import Handover
+from dualarm_cli.model.part_flow import Handover, LineDirection
 from dualarm_cli.model.shape import Shape
 
 HALF = 0.02
@@ -46,7 +46,8 @@ def met(apart: float) -> Handover:
 
 def found(cell: Cell, apart: float, approach: float, retract: float, part: str = "bar") -> list:
     """What is too near: first word of where, bodies, margin in mm."""
-    rows = too_near(cell, met(apart), "flip", part, approach, retract)
+    drawn = [LineDirection().back(np.eye(3), length) for length in (approach, retract)]
+    rows = too_near(cell, met(apart), "flip", part, *drawn)
     return [(row.where, row.bodies, round(row.margin * 1000, 3)) for row in rows]
 
 

@@ -41,7 +41,9 @@ def reaches(cell: Cell, height: float, line: float, part: str = "cube") -> tuple
     tool = pin.SE3(DOWN, np.array([0.5, 0.0, height]))
     solids = tuple(shape_solid(part, WORLD, pin.SE3.Identity(), shape) for shape in CUBE)
     stop = Stop("place", PoseTarget(tool), line, 0.0, Dwell(0.0), NOWHERE)
-    [found] = lying.reaches(cell, lying.HeldBody(part, part, solids, line, rests=True), stop)
+    [found] = lying.reaches(
+        cell, lying.HeldBody(part, part, solids, stop.lines[:1], rests=True), stop
+    )
     return found
 
 

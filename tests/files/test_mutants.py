@@ -1,4 +1,4 @@
-"""Mutants of the keys of grids, lists, grasps, freedoms and ranges: each is refused at its line, with a remedy.
+"""Mutants of the keys of grids, lists, grasps, lines, freedoms and ranges: each is refused at its line, with a remedy.
 
 The files are good as they are. Each mutant changes one line. Its message has to name that line (or, where a list is
 too long for another one, that of the other) and to say what is allowed or what to do.
@@ -42,7 +42,10 @@ parts:
         xyz: [0, 0, 80 mm]
         rpy: [180 deg, 0, 0]
         symmetry: 3
-        approach: 50 mm
+        approach:
+          distance: 50 mm
+          direction: [0, 0, 1]
+          in: tool
         retract: 40 mm
       side:
         xyz: [20 mm, 0, 40 mm]
@@ -79,6 +82,10 @@ tasks:
         order: columns
       xyz: [0, 0, 0]
       varies: 1 mm
+      retract:
+        distance: 60 mm
+        direction: [0, 0.6, 0.8]
+        in: world
     place: {in: tray, each: list.csv, xyz: [0, 0, 0]}
 """
 LIST = "id,part,x [mm],y [mm],z,yaw [deg]\na,block,100,200,0.1,10\nb,block,200,200,0.1,20\n"
@@ -93,6 +100,10 @@ COUNT = (*WRONG, "[1, 1]", "0", "-1", "1.5", "1 mm", "20000")
 WORD = ("abc", "1", "[rows]", "{a: 1}", "true", '""')
 PAIR = ("abc", "1", "[1]", "[1, 2, 3]", "{a: 1}", "[0, 1]", "[a, b]", "[1.5, 2]", "[-1, 2]")
 LENGTHS = ("abc", "1", "[60 mm]", "[1 mm, 1 mm, 1 mm]", "{a: 1}", "[1 kg, 1]", "[a, b]", "[[1], 1]")
+DIRECTION = (
+    *("abc", "1", "[0, 1]", "[0, 0, 0]", "[0, 0, 1, 0]", "{a: 1}", "[a, 0, 1]", "[0, 0, 1 mm]"),
+    "[0, 0, 2000]",
+)
 TIME = (
     *("abc", "{a: 1}", "true", "-1 s", "1 mm", "[1]", "[1, 2]", "[1, 2, 3, 4]", "[3, 2, 1]"),
     *("[-1, 1, 2]", "[1, 3, 2]", "[1, 2, a]", "[1 mm, 1, 2]", "[]"),
@@ -115,7 +126,9 @@ VALUES: dict[str, dict[str, tuple[str, ...]]] = {
         "yaw: 1 deg": WITHIN,
         "    symmetry: 2": (*COUNT[:-1], "400", "23"),
         "symmetry: 3": (*COUNT[:-1], "400"),
-        "approach: 50 mm": POSITIVE,
+        "distance: 50 mm": POSITIVE,
+        "direction: [0, 0, 1]": DIRECTION,
+        "in: tool": ("tol", "1", "[tool]", "{a: 1}", "true"),
         "retract: 40 mm": POSITIVE,
         "tilt: 15 deg": (*WITHIN, "61 deg"),
         "turn: yaw": WORD[:-1],
@@ -136,6 +149,9 @@ VALUES: dict[str, dict[str, tuple[str, ...]]] = {
         "layer: [2, 2]": (*PAIR, "[3, 3]"),
         "first: 2": (*COUNT, "4"),
         "order: columns": WORD,
+        "distance: 60 mm": POSITIVE,
+        "direction: [0, 0.6, 0.8]": DIRECTION,
+        "in: world": ("word", "trays", "1", "[world]", "{a: 1}", "true", '""'),
         "varies: 1 mm": (*(v for v in POSITIVE if v != "[1, 2, 3, 4]"), "0", "{}", "{x: 1 mm}"),
         "at: tray": ("trai", "bin", "1", "[tray]"),
         "each: list.csv": ("list2.csv", "places", "1", "[1, 2]", "{x: 1}", "../list.csv"),
@@ -147,11 +163,12 @@ KEYS = {
     "cell.yaml": (
         *("count:", "pitch:", "layers:", "layer_height:", "order:", "stagger:", "turn: 90"),
         *("without:", "varies:", "xy:", "grid:", "    symmetry: 2", "grasps:", "symmetry: 3"),
-        *("approach:", "retract:", "free:", "turn: yaw", "tilt:", "area:", "rpy:", "quat:"),
+        *("approach:", "distance:", "direction:", "in: tool", "retract:", "free:", "turn: yaw", "tilt:", "area:", "rpy:", "quat:"),
     ),
     "tasks.yaml": (
         *("cycle:", "gripper:", "settle:", "handshake:", "grasp:", "x: [1, 2]", "y: [1, 2]"),
-        *("layer:", "first:", "order:", "varies:", "at: tray"),
+        *("layer:", "first:", "order:", "varies:", "at: tray", "distance:", "direction:"),
+        *("in: world", "retract:"),
     ),
 }
 """Lines whose key is misspelled, by file."""

@@ -58,9 +58,11 @@ def test_the_lines_of_a_posture_are_exact_and_end_where_it_says(yumi, line):
         end = posture.q_retract if line == "retract" else posture.q_approach
         assert np.array_equal(outward[0], posture.q_target)
         assert np.abs(outward[-1] - end).max() < 1e-9
-        R, p, z = flange_poses(problem, np.array([posture.target]), np.array([posture.yaw]))
+        R, p, away = flange_poses(problem, np.array([posture.target]), np.array([posture.yaw]))
         R_found, p_found = problem.arm.forward(outward)
-        assert np.abs(pose_error(R_found, p_found, R, p - z * length[:, None])).max() < 1e-9
+        assert (
+            np.abs(pose_error(R_found, p_found, R, p + away[:, 0] * length[:, None])).max() < 1e-9
+        )
         few = [line_path(problem, posture, name, 7) for name in ("approach", "retract")]
         lines = sum(float(problem.line_time(q[None], length)[0]) for q, length in few)
         move = float(problem.transfer_time(posture.q_approach - problem.start))

@@ -166,13 +166,14 @@ def test_bounds_of_lines_are_near_what_lines_take(random_problem: Problems) -> N
     for work in problem.arms:
         arm = work.kinematics
         for k in range(6):
-            R, p, z = (
+            R, p, (away, _) = (
                 x[0]
                 for x in flange_poses(
                     problem.platform, work, np.array([k]), np.zeros(1), np.zeros((1, 1))
                 )
             )
-            outer, m = p - 0.08 * z, 400
+            z, m = -away, 400
+            outer = p - 0.08 * z
             fine, to = Resolution(0.1, 36, 2), LineToTarget(p, work.law, no_floor)
             within = within_reach(arm, R, outer, edges, fine)
             cells = pose_cells(arm, (R, outer), within, fine, False, to)

@@ -49,15 +49,14 @@ def test_every_posture_and_turn_at_a_line_s_ends_is_in_a_cell(general_robots, tm
     problem = sequence_problem(CellModel.from_cell(job.cell), job)
     work = problem.arms[0]
     arm, stop = work.kinematics, work.stops[0]
-    rng, zero = np.random.default_rng(1), np.zeros(1)
-    R, p, z = flange_poses(problem.platform, work, zero.astype(int), zero, np.zeros((1, 0)))
+    rng = np.random.default_rng(1)
     met = 0
     for _ in range(40):
         q = rng.uniform(arm.lower, arm.upper)
         R, p = arm.forward(q)
         z = R @ work.R_tool_flange.T[:, 2]
         # The posture is where the approach begins; the target is ahead of it, and other postures reach that.
-        pose = R[None], (p + 0.05 * z)[None], z[None]
+        pose = R[None], (p + 0.05 * z)[None], np.array([[-z, -z]])
         own = replace(stop, approach=0.05, retract=0.0)
         approach, retract = branch_cells(
             work, transfer_table(problem, work), own, pose, free_last=False

@@ -51,7 +51,7 @@ def test_nodes_reach_their_targets_and_the_ends_of_their_lines(numeric, free_yaw
         assert (np.diff(nodes.angle_index) >= 0).all()
         rows = np.full(len(nodes.work), work.stop_table.first[0])
         at = platform_positions(problem, angles[nodes.angle_index])
-        R, p, z = flange_poses(problem.platform, work, rows, nodes.decisions.yaw, at)
+        R, p, outward = flange_poses(problem.platform, work, rows, nodes.decisions.yaw, at)
         for q, away in (
             (nodes.q_target, 0.0),
             (nodes.q_approach, 0.05),
@@ -60,7 +60,7 @@ def test_nodes_reach_their_targets_and_the_ends_of_their_lines(numeric, free_yaw
             assert work.kinematics.within_limits(q).all()
             R_found, p_found = work.kinematics.forward(q)
             assert np.abs(R_found - R).max() < 1e-8
-            assert np.abs(p_found - (p - away * z)).max() < 1e-8
+            assert np.abs(p_found - (p + away * outward[:, 0])).max() < 1e-8
 
 
 def test_what_was_evaluated_means_the_same_again(numeric):

@@ -33,9 +33,11 @@ def test_a_tool_that_rams_beyond_its_target_and_comes_back_is_found(tasks_folder
         problem, posture = arm_stop.problem, arm_stop.posture
         share = np.linspace(0, 1, 65)
         depth = problem.approach * (1 - share) - 0.03 * np.sin(np.pi * share**3)
-        R, p, z = flange_poses(problem, np.array([posture.target]), np.array([posture.yaw]))
+        R, p, outward = flange_poses(problem, np.array([posture.target]), np.array([posture.yaw]))
         psi = posture.psi_target + (posture.psi_approach - posture.psi_target) * (1 - share)
-        q, _ = problem.arm.solve_branch(R, p - z * depth[:, None], psi, np.full(65, posture.branch))
+        q, _ = problem.arm.solve_branch(
+            R, p + outward[:, 0] * depth[:, None], psi, np.full(65, posture.branch)
+        )
         q = np.unwrap(q, axis=0)
         q += posture.q_target - q[-1]
         length = np.linspace(0, problem.approach, 65)

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
+from dualarm_cli.files.cells.schema_cell import Line
 from dualarm_cli.files.source.fields import FramedPose, Name, ToolPose, refuse, to_se3
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
@@ -17,7 +18,13 @@ from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFil
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Grasp, Handover, part_as_held
+from dualarm_cli.model.part_flow import (
+    Grasp,
+    Handover,
+    LineDirection,
+    LineDirections,
+    part_as_held,
+)
 from dualarm_cli.model.place import Place
 
 _NO_FREEDOM = {
@@ -42,6 +49,15 @@ class HandoverSection(FramedPose):
         default=None,
         description="Grasp of the taking tool, in place of `grip`, for a part with grasps; the pose is then that of "
         "the part.",
+    )
+
+    approach: Line | None = Field(
+        default=None,
+        description="Straight approach of the taking tool [m]; default: that of the place.",
+    )
+    retract: Line | None = Field(
+        default=None,
+        description="Straight retract of the giving tool [m]; default: that of the pick.",
     )
 
     @model_validator(mode="before")
@@ -123,8 +139,14 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
         put = stop_by_grasp(reader, section, loc, put, taking)
         meets, grip = meets * giving.pose, giving.pose.actInv(taking.pose)
         part = part_as_held(part, giving.name)
+    lines = pick.lines[1], put.lines[0]
+    if handover.retract is not None:
+        lines = reader.line(handover.retract, (*place, "retract")), lines[1]
+    if handover.approach is not None:
+        lines = lines[0], reader.line(handover.approach, (*place, "approach"))
     whole = reader.task(section, loc, arm, (), part)
-    return handover_shares(whole, taker, (pick, put), (meets, grip), reader.place(place))
+    shares = handover_shares(whole, taker, (pick, put), (meets, grip), reader.place(place))
+    return _with_lines(shares, *lines)
 
 
 def _grasps(
@@ -169,8 +191,7 @@ def handover_shares(
 ) -> list[Task]:
     """Create the giving task, pick and give, and the taking one, take and place.
 
-    The taker approaches as at its place and grips while the giver stands still; then the giver lets go and retracts
-    as from its pick.
+    The taker approaches and grips while the giver stands still; then the giver lets go and retracts.
 
     Args:
         whole: the task with the giving arm and the part as it is picked, without stops.
@@ -185,9 +206,8 @@ def handover_shares(
     x, y, z = product(grip.rotation.T, np.array(held or np.zeros(3))).tolist()
     work = Handover(whole.arm, taker, grip, place, (x, y, z) if held else None)
     give = Stop("give", PoseTarget(pose), 0.0, pick.retract, pick.dwell, place)
-    give = replace(give, directions=pick.directions)
-    take = Stop("take", PoseTarget(pose * grip), put.approach, 0.0, pick.dwell, place)
-    take = replace(take, varying=pick.varying, directions=put.directions)
+    take = Stop("take", PoseTarget(pose * grip), pick.approach, 0.0, pick.dwell, place)
+    take = replace(take, varying=pick.varying)
     return [
         replace(whole, stops=(pick, give), handover=work),
         replace(
@@ -198,6 +218,18 @@ def handover_shares(
             handover=work,
         ),
     ]
+
+
+def _with_lines(
+    shares: list[Task], retract: tuple[float, LineDirection], approach: tuple[float, LineDirection]
+) -> list[Task]:
+    """Set the giving tool's retract and the taking one's approach."""
+    (pick, give), (take, put) = (task.stops for task in shares)
+    (away, outward), (towards, inward) = retract, approach
+    give = replace(give, retract=away, directions=LineDirections(retract=outward))
+    take = replace(take, approach=towards, directions=LineDirections(approach=inward))
+    stops = (pick, give), (take, put)
+    return [replace(task, stops=s) for task, s in zip(shares, stops, strict=True)]
 
 
 def with_taken_parts(document: Document, model: TasksFile, job: Job) -> Job:
