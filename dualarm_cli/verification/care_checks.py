@@ -59,7 +59,9 @@ def check_care(schedule: Schedule, job: Job, model: ToolModel) -> list[Check]:
             rates.add(value, f"{what} from {span.start:.3f} s to {span.end:.3f} s ({span.task})")
     for span, leaning, at in _leaning(schedule, spans, model):
         tilt.add(leaning / span.care.tilt, f"{span.arm} at {at:.3f} s ({span.task})")
-    named = ((rates, "care", TOL.tool_speed_slack), (tilt, "tilt", TOL.pose_angle))
+    # An angle of measurement is a share of the limit, largest of the smallest one.
+    off = TOL.pose_angle / min((task.tilt for task in job.tasks), default=np.inf)
+    named = ((rates, "care", TOL.tool_speed_slack), (tilt, "tilt", off))
     limited = job.slows, any(task.tilt < np.inf for task in job.tasks)
     return [
         worst.judge(name, 1.0 + slack)

@@ -91,6 +91,6 @@ def test_a_direction_in_the_world_needs_a_pose(
     """Joint positions turn with a platform; the tool's own frame does, too."""
     change("tasks.yaml", "{in: bin, xyz: [0, 0, 0], ", "{joints: [0.5, -90 deg], ")
     assert messages(stops) == [
-        "tasks.yaml:9:20: E300 joint positions say nothing of the world: give in: tool to the directions of approach and "
-        "retract, or the target as a pose"
+        "tasks.yaml:9:20: E300 joint positions say nothing of the world: give in: tool to the directions of approach "
+        "and retract, or the target as a pose"
     ]

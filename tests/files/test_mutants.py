@@ -139,7 +139,7 @@ VALUES: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "tasks.yaml": {
         "cycle_time: 30 s": ("abc", "-1 s", "1 mm", "[1]", "0"),
-        "cycle: 95%": ("abc", "95", "99%", "[worst]"),
+        "cycle: 95%": ("abc", "95", "99%", "[worst]", "6 s"),
         "gripper: [80 ms, 120 ms, 200 ms]": TIME,
         "settle: 30 ms": TIME,
         "handshake: [0, 5 ms, 10 ms]": TIME,
@@ -163,7 +163,19 @@ KEYS = {
     "cell.yaml": (
         *("count:", "pitch:", "layers:", "layer_height:", "order:", "stagger:", "turn: 90"),
         *("without:", "varies:", "xy:", "grid:", "    symmetry: 2", "grasps:", "symmetry: 3"),
-        *("approach:", "distance:", "direction:", "in: tool", "retract:", "free:", "turn: yaw", "tilt:", "area:", "rpy:", "quat:"),
+        *(
+            "approach:",
+            "distance:",
+            "direction:",
+            "in: tool",
+            "retract:",
+            "free:",
+            "turn: yaw",
+            "tilt:",
+            "area:",
+            "rpy:",
+            "quat:",
+        ),
     ),
     "tasks.yaml": (
         *("cycle:", "gripper:", "settle:", "handshake:", "grasp:", "x: [1, 2]", "y: [1, 2]"),
@@ -176,6 +188,7 @@ CELLS: dict[str, tuple[str, ...]] = {
     "id,part,x [mm]": ("ids,part,x [mm]", "id,id,x [mm]", "id,part,x [kg]", "id,part,w"),
     "a,block,100": ("a,block,abc", "a,block,1,100", "a,100", "a,block,1 kg"),
     "b,block,200": ("a,block,200", "b,block,nan", "b,block,true"),
+    "block,200": ("blok,200", "block@top,200"),
     "0.1,20": ("0.1,20 mm", "0.1,x", "0.1 deg,20", "0.1,20,30", "9999,20"),
 }
 """Wrong cells of the list, by their text."""

@@ -297,6 +297,7 @@ def test_a_place_is_filled_once(project: Path, change: Change, messages: Message
         ("x,y\n1,one\n", "2:3: E200 y: 'one' is not a number"),
         ("id,x\na,1\na,2\n", "3:1: E102 duplicate id 'a', first at line 2"),
         ("x,y\n120,1\n", "did you mean '120 mm'?"),
+        ("id,x,part\nb,1,blok\n", "2:5: E300 the cell has no part 'blok' for task 'a[b]'"),
     ],
 )  # fmt: skip
 def test_bad_lists_are_refused(

@@ -20,7 +20,8 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.places import ListedPlace, read_places
 from dualarm_cli.files.tasks.schema_tasks import EachSection
-from dualarm_cli.model.part_flow import Pattern, PlaceIndex
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.part_flow import Pattern, PlaceIndex, kind_of_part
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 
@@ -79,7 +80,7 @@ class _Copy:
 
 def expand_tasks(
     document: Document,
-    patterns: Mapping[str, Pattern] | None,
+    cell: Cell | None,
     project: Project,
     path: Path,
     findings: Findings,
@@ -88,15 +89,15 @@ def expand_tasks(
 
     Args:
         document: the task file; its tasks, and what names them, change.
-        patterns: places of the cell's frames; None for a cell that could not be read: nothing is repeated.
+        cell: with patterns and parts; None if it could not be read: nothing is repeated.
         project: what CSV files must stay in.
         path: the task file.
         findings: where errors are noted.
     """
     entries = document.listed("tasks")
-    if patterns is None:
+    if cell is None:
         return TaskExpansion()
-    expander = _Expander(document, patterns, project, path, findings)
+    expander = _Expander(document, cell, project, path, findings)
     repeated = [k for k, entry in enumerate(entries) if any(expander.targets(entry))]
     if not repeated:
         return TaskExpansion()
@@ -108,7 +109,7 @@ def expand_tasks(
             names.setdefault(str(entries[copy.source]["id"]), []).append(copy.id)
     for copy in copies:
         _name_all(copy, names)
-    _order_layers(copies, patterns, document)
+    _order_layers(copies, cell.patterns, document)
     _store(document, copies)
     for row in document.listed("sequences"):
         if isinstance(row, list):
@@ -127,12 +128,13 @@ class _Expander:
     def __init__(
         self,
         document: Document,
-        patterns: Mapping[str, Pattern],
+        cell: Cell,
         project: Project,
         path: Path,
         findings: Findings,
     ) -> None:
-        self._document, self._patterns, self._findings = document, patterns, findings
+        self._document, self._patterns, self._findings = document, cell.patterns, findings
+        self._parts = [name for name in cell.parts if name == kind_of_part(name)]
         self._project, self._path = project, path
 
     def targets(self, entry: Any) -> Iterator[str]:
@@ -144,7 +146,7 @@ class _Expander:
     def copies(self, index: int, entry: Any) -> list[_Copy]:
         """Repeat a task; without `each`, or after an error, it is the only copy."""
         keys, loc = list(self.targets(entry)), ("tasks", index)
-        rows = {key: self._spots(entry[key], (*loc, key)) for key in keys}
+        rows = {key: self._spots(entry, (*loc, key)) for key in keys}
         spots = {key: row for key, row in rows.items() if row is not None}
         if not spots or len(spots) < len(rows) or not isinstance(entry.get("id"), str):
             return [_Copy(_without_each(entry, keys), index)]
@@ -166,11 +168,14 @@ class _Expander:
             copies.append(_Copy(copy, index, dict(zip(spots, taken, strict=True))))
         return copies
 
-    def _spots(self, target: dict[str, Any], loc: Loc) -> list[Spot] | None:
+    def _spots(self, entry: dict[str, Any], loc: Loc) -> list[Spot] | None:
         """Read the places that a target is repeated for, or None after noting errors."""
+        target = entry[str(loc[-1])]
         each, place = target["each"], (*loc, "each")
         if isinstance(each, str) and each.endswith(".csv"):
-            rows = self._listed(each, place)
+            # A part of the task counts before those of the list.
+            parts = None if "part" in entry else (str(entry.get("id", "")), self._parts)
+            rows = self._listed(each, place, parts)
             return None if rows is None else [Spot(r.label, r.pose, part=r.part) for r in rows]
         section = EachSection()
         if isinstance(each, dict):
@@ -212,11 +217,13 @@ class _Expander:
         used = chosen[: section.first]
         return [Spot(_label(pattern, i), pattern.places[i], str(frame), i) for i in used]
 
-    def _listed(self, reference: str, loc: Loc) -> list[ListedPlace] | None:
+    def _listed(
+        self, reference: str, loc: Loc, parts: tuple[str, list[str]] | None
+    ) -> list[ListedPlace] | None:
         with noted(self._findings, self._document, loc):
             path = self._project.follow(reference, self._path)
             name = display_name(reference, self._document.source.name)
-            return read_places(self._project.read(path, name), self._findings)
+            return read_places(self._project.read(path, name), self._findings, parts)
         return None
 
 

@@ -34,7 +34,9 @@ class ListedPlace:
     """Kind of part there; empty if the list does not say."""
 
 
-def read_places(source: TextSource, findings: Findings) -> list[ListedPlace] | None:
+def read_places(
+    source: TextSource, findings: Findings, parts: tuple[str, list[str]] | None = None
+) -> list[ListedPlace] | None:
     """Read the places in a CSV file, or None after noting errors.
 
     The first row names the columns, lengths and angles with a unit if it is not m or rad: `x [mm]`. The separator is
@@ -43,6 +45,7 @@ def read_places(source: TextSource, findings: Findings) -> list[ListedPlace] | N
     Args:
         source: the file.
         findings: where errors are noted.
+        parts: task that is repeated, and the parts that the list may name; None for any.
     """
     head = source.lines[0] if source.lines else ""
     separator = ";" if ";" in head and "," not in head else ","
@@ -58,6 +61,11 @@ def read_places(source: TextSource, findings: Findings) -> list[ListedPlace] | N
     reader = _Reader(source, findings, separator)
     columns = reader.columns(rows[0][1])
     places = [reader.place(columns, number, row) for number, row in rows[1:]]
+    for place, (number, row) in zip(places, rows[1:], strict=True):
+        if parts is not None and place.part and place.part not in parts[1]:
+            task, hint = quote(f"{parts[0]}[{place.label}]"), suggest(place.part, parts[1], "parts")
+            message = f"the cell has no part {quote(place.part)} for task {task}{hint}"
+            reader.note(number, row, list(dict(columns)).index("part"), message, "E300")
     if reader.failed:
         return None
     return places

@@ -10,6 +10,7 @@ from pydantic import (
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     WithJsonSchema,
+    field_validator,
     model_validator,
 )
 from pydantic_core import core_schema
@@ -35,7 +36,9 @@ from dualarm_cli.files.source.fields import (
     quantity_schema,
     refuse,
 )
+from dualarm_cli.files.source.quantities import parse_quantity
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
+from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.model.budget import Budget, CycleKind, TimeRange
 from dualarm_cli.model.part_flow import PlaceOrder
@@ -61,6 +64,17 @@ class BudgetSection(Section):
         default=None,
         description="Minimum delay of one arm at which plans must keep their clearance [s].",
     )
+
+    @field_validator("cycle", mode="before")
+    @classmethod
+    def _kind(cls, value: object) -> object:
+        if not isinstance(value, str):
+            return value
+        try:
+            parse_quantity(value, quantities.TIME)
+        except quantities.QuantityError:
+            return value
+        raise refuse(f"{quote(value)} is a time; write cycle_time: {value}")
 
     @model_validator(mode="after")
     def _something(self) -> BudgetSection:

@@ -101,8 +101,7 @@ def load_job(
     kinds = of_kinds("reading")
     schemas, of_cell = schemas_of(tuple(kinds)), Findings()
     loaded = _load_cell(project, document, path, of_cell)
-    patterns = None if loaded is None else loaded[0].patterns
-    expansion = expand_tasks(document, patterns, project, path, findings)
+    expansion = expand_tasks(document, loaded and loaded[0], project, path, findings)
     model = validate(document, schemas.file, findings)
     sections = _good_tasks(document, model, schemas)
     check_tasks(document, sections, findings)
