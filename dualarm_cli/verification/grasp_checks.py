@@ -46,7 +46,7 @@ def check_grasps(schedule: Schedule, job: Job) -> list[Check]:
         schedule: the schedule to check.
         job: as in its file.
     """
-    grasped = [task for task in job.tasks if task.grasp is not None]
+    grasped = [task for task in job.tasks if task.grasp is not None or task.grasps]
     ids = {task.id for task in grasped}
     wrong = [
         f"{event.task} ({event.action}): grasp {event.grasp} of a part without grasps"
@@ -76,10 +76,10 @@ def _name(task: Task) -> str:
 
 
 def _events_by_task(schedule: Schedule) -> Mapping[str, Sequence[Event]]:
-    """Collect the picks and places of each task."""
+    """Collect the events of each task at targets of grasps."""
     events: dict[str, list[Event]] = {}
     for event in schedule.events:
-        if event.action in ("pick", "place"):
+        if event.action in ("pick", "place", "move"):
             events.setdefault(event.task, []).append(event)
     return events
 

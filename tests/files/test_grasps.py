@@ -222,3 +222,53 @@ def test_every_mistake_is_told_at_its_place(
     """One mistake, one message."""
     change(file, *changes)
     assert messages(lambda: load_job("tasks.yaml")) == [expected]
+
+
+FREE = """\
+dualarm: tasks/1
+cell: cell.yaml
+start: bent
+tasks:
+  - id: a
+    arm: left
+    part: plain
+    pick: {at: bin, xyz: [0, 0, 0], free: {turn: yaw, tilt: 30 deg}}
+    place: {xyz: [0.2, 0.5, 0.7], free: {tilt: 30 deg}}
+  - {id: b, arm: right, move: {xyz: [0.3, 0, 0.8], free: {area: [40 mm, 20 mm]}}}
+"""
+
+
+def test_tools_lean_at_targets_of_parts_without_grasps(block: Path) -> None:
+    """By hand: half of an equilateral triangle; the part leans with the tool from pick to place, and lies as before."""
+    (block / "tasks.yaml").write_text(FREE)
+    job = load_job("tasks.yaml")
+    held, look = job.tasks
+    assert [t.part for t in held.grasps] == ["plain", *(f"plain@tilt {way}" for way in ("+x", "+y", "-x", "-y"))]  # fmt: skip
+    leaning = held.grasps[1]
+    turn = np.array([[1, 0, 0], [0, np.sqrt(0.75), -0.5], [0, 0.5, np.sqrt(0.75)]])
+    for stop, first in zip(leaning.stops, held.stops, strict=True):
+        assert pose(stop).rotation == pytest.approx(pose(first).rotation @ turn)
+        assert pose(stop).translation == pytest.approx(pose(first).translation)
+    assert [isinstance(s.target, PoseTarget) and s.target.free_yaw for s in (*held.stops, *leaning.stops)] == [True, False, False, False]  # fmt: skip
+    [shape] = job.cell.parts["plain@tilt +x"]
+    assert shape.pose.rotation == pytest.approx(turn.T)
+    corner = look.grasps[1]
+    assert pose(corner.stops[0]).translation == pytest.approx((0.32, 0.01, 0.8))
+    assert corner.part == ""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "wanted"),
+    [
+        (", free: {tilt: 30 deg}}\n  - {id: b", "}\n  - {id: b", "8:43: E300 the tool holds the part alike at pick and place; give both the same 'tilt' and 'area', or remove it"),
+        ("part: plain", "part: block", "8:61: E300 tilt: its part has grasps; give it to them in the cell file"),
+        ("    place:", "    handover: {xyz: [0.4, 0, 0.8], grip: {xyz: [0, 0, 0.1]}}\n    place:", "8:61: E300 tilt: hand-overs have none; remove it, or hand over a part with grasps"),
+    ],
+)  # fmt: skip
+def test_freedom_that_a_target_cannot_have(
+    block: Path, messages: Messages, old: str, new: str, wanted: str
+) -> None:
+    """At its place, with a remedy."""
+    assert old in FREE
+    (block / "tasks.yaml").write_text(FREE.replace(old, new))
+    assert f"tasks.yaml:{wanted}" in messages(lambda: load_job("tasks.yaml"))

@@ -87,6 +87,14 @@ tasks:
         direction: [0, 0.6, 0.8]
         in: world
     place: {in: tray, each: list.csv, xyz: [0, 0, 0]}
+  - id: look
+    arm: left
+    move:
+      xyz: [0.4, 0, 0.9]
+      free:
+        turn: yaw
+        tilt: 12 deg
+        area: [30 mm, 20 mm]
 """
 LIST = "id,part,x [mm],y [mm],z,yaw [deg]\na,block,100,200,0.1,10\nb,block,200,200,0.1,20\n"
 
@@ -150,6 +158,9 @@ VALUES: dict[str, dict[str, tuple[str, ...]]] = {
         "first: 2": (*COUNT, "4"),
         "order: columns": WORD,
         "distance: 60 mm": POSITIVE,
+        "turn: yaw": WORD[:-1],
+        "tilt: 12 deg": (*WITHIN, "61 deg"),
+        "area: [30 mm, 20 mm]": (*LENGTHS, "[0, 1 mm]", "[1 mm, -1 mm]"),
         "direction: [0, 0.6, 0.8]": DIRECTION,
         "in: world": ("word", "trays", "1", "[world]", "{a: 1}", "true", '""'),
         "varies: 1 mm": (*(v for v in POSITIVE if v != "[1, 2, 3, 4]"), "0", "{}", "{x: 1 mm}"),
@@ -180,7 +191,7 @@ KEYS = {
     "tasks.yaml": (
         *("cycle:", "gripper:", "settle:", "handshake:", "grasp:", "x: [1, 2]", "y: [1, 2]"),
         *("layer:", "first:", "order:", "varies:", "at: tray", "distance:", "direction:"),
-        *("in: world", "retract:"),
+        *("in: world", "retract:", "free:", "turn:", "tilt:", "area:"),
     ),
 }
 """Lines whose key is misspelled, by file."""
@@ -225,7 +236,7 @@ def test_the_files_are_good_and_the_mutants_many(project: Path) -> None:
     """Otherwise every mutant would be refused for the same reason."""
     for name, text in FILES.items():
         (project / name).write_text(text)
-    assert len(load_job("tasks.yaml").tasks) == 2
+    assert len(load_job("tasks.yaml").tasks) == 3
     assert len(MUTANTS) == len(set(MUTANTS)) >= 300
 
 

@@ -47,7 +47,7 @@ def read_grasps(
         for key, outward in (("approach", -1), ("retract", 1)):
             line, where = getattr(section, key), ("parts", name, "grasps", stated, key)
             lines.append(line and read_line(document, where, line, outward, frames, findings))
-        for grasp in _repeated(stated, section, part.symmetry or 1):
+        for grasp in repeated(stated, section, part.symmetry or 1):
             grasps[grasp.name] = replace(grasp, approach=lines[0], retract=lines[1])
     if len(grasps) > MOST_GRASPS:
         message = (
@@ -59,8 +59,14 @@ def read_grasps(
     return grasps
 
 
-def _repeated(stated: str, section: GraspSection, symmetry: int) -> Iterator[Grasp]:
-    """Yield a grasp at each extreme of its freedom and each turn of the part."""
+def repeated(stated: str, section: GraspSection, symmetry: int) -> Iterator[Grasp]:
+    """Yield a grasp at each extreme of its freedom and each turn of the part.
+
+    Args:
+        stated: name of the grasp.
+        section: the grasp as the file has it.
+        symmetry: number of turns of the part.
+    """
     free = section.free or FreeSection()
     for label, offset in _offsets(free):
         pose = to_se3(section) * offset

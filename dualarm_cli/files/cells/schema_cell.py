@@ -175,10 +175,10 @@ def _check_moments(moments: list[float]) -> None:
 
 
 class FreeSection(Section):
-    """Freedom of a tool that grips a part."""
+    """Freedom of a tool at a target, or that grips a part."""
 
     turn: Literal["yaw"] | None = Field(
-        default=None, description="yaw: the part is round about the tool's z axis."
+        default=None, description="yaw: any rotation about the tool's z axis, as of a round part."
     )
     tilt: Annotated[float, Quantity(quantities.ANGLE, 0.0, math.pi / 3.0)] = Field(
         default=0.0,
@@ -189,6 +189,11 @@ class FreeSection(Section):
         description="Sides of the area along the tool's x and y axes in which it may grip [m], such as of a suction "
         "cup on a lid: grasps at its corners are added.",
     )
+
+    @property
+    def leans(self) -> bool:
+        """Whether there are poses of the tool beside the stated one."""
+        return self.tilt > 0.0 or self.area is not None
 
 
 class GraspSection(ToolPose):

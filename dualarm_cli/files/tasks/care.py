@@ -44,7 +44,8 @@ def with_care(
         reader: of the file; errors are noted there.
         sections: its valid tasks by their index.
     """
-    cell, tasks = reader.cell, reader.tasks(sections)
+    tasks = reader.tasks(sections)
+    cell = reader.cell
     indices = {section.id: index for index, section in sections.items()}
     for index, section in sections.items():
         shares = [task for task in tasks if task.id == section.id]

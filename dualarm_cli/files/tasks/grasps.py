@@ -7,6 +7,8 @@ from collections.abc import Collection
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from dualarm_cli.files.cells.grasps import repeated
+from dualarm_cli.files.cells.schema_cell import FreeSection, GraspSection
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.model.job import PoseTarget, Stop, Task
 from dualarm_cli.model.part_flow import Grasp, part_as_held
@@ -38,7 +40,8 @@ def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> l
                 else "the task carries no part"
             )
             reader.note((*loc, "grasp"), f"{part}; name them in the cell file, or remove 'grasp'")
-        return [task]
+        return _leaning(reader, section, loc, task)
+    refuse_leaning(reader, section, loc, "its part has grasps; give it to them in the cell file")
     chosen: dict[str, list[Grasp]] = {}
     for grasp in grasps.values():
         chosen.setdefault(grasp.of, []).append(grasp)
@@ -46,6 +49,54 @@ def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> l
     if not _are_known(reader, loc, names, chosen) or not are_posed(reader, section, loc):
         return [task]
     return [_by_grasp(reader, section, loc, task, g) for name in names for g in chosen[name]]
+
+
+def refuse_leaning(reader: TaskReader, section: TaskSection, loc: Loc, why: str) -> None:
+    """Note tilts and areas of a task's targets.
+
+    Args:
+        reader: of the file; errors are noted there.
+        section: the task as the file has it.
+        loc: where it stands.
+        why: reason and remedy.
+    """
+    for action in ("pick", "place"):
+        free = getattr(getattr(section, action), "free", None)
+        if free is not None and free.leans:
+            key = "tilt" if free.tilt else "area"
+            reader.note((*loc, action, "free", key), f"{key}: {why}")
+
+
+def _leaning(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> list[Task]:
+    """Build a task with each pose that the freedom of its targets adds, as a grasp of the tool.
+
+    The tool holds the part alike at pick and place.
+    """
+    frees = {
+        stop.action: getattr(section, stop.action).free or FreeSection() for stop in task.stops
+    }
+    leaning = [action for action, free in frees.items() if free.leans]
+    if not leaning:
+        return [task]
+    free = frees[leaning[0]]
+    if any((f.tilt, f.area) != (free.tilt, free.area) for f in frees.values()):
+        message = "the tool holds the part alike at pick and place; give both the same 'tilt' and 'area', or remove it"
+        reader.note((*loc, leaning[0], "free"), message)
+        return [task]
+    choices = [task]
+    for grasp in repeated("", GraspSection.model_construct(free=free), 1):
+        if grasp.name:
+            grasp = replace(grasp, name=grasp.name.removeprefix("/"))
+            part = part_as_held(task.part, grasp.name)
+            if task.part in reader.cell.parts and part not in reader.cell.parts:
+                reader.cell = reader.cell.with_held_part(task.part, grasp.name, grasp.pose)
+            stops = tuple(
+                replace(stop, target=PoseTarget(stop.target.pose * grasp.pose))
+                for stop in task.stops
+                if isinstance(stop.target, PoseTarget)
+            )
+            choices.append(replace(task, stops=stops, part=part, grasp=grasp))
+    return choices
 
 
 def _are_known(reader: TaskReader, loc: Loc, names: list[str], grasps: Collection[str]) -> bool:

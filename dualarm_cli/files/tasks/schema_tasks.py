@@ -16,7 +16,7 @@ from pydantic import (
 from pydantic_core import core_schema
 
 from dualarm_cli.files.cells.grids import MOST_PLACES
-from dualarm_cli.files.cells.schema_cell import CareSection, LimitsSection, Line
+from dualarm_cli.files.cells.schema_cell import CareSection, FreeSection, LimitsSection, Line
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     SMALLEST_POSITIVE,
@@ -224,8 +224,10 @@ class TargetSection(FramedPose):
         "{x: [1, 2], layer: [1, 1]}, or the path of a CSV file with the columns x, y, z, roll, pitch, yaw, id "
         "and part. The pose is then in the frame of each place.",
     )
-    free: Literal["yaw"] | None = Field(
-        default=None, description="yaw: any rotation about the tool's z axis is allowed."
+    free: Annotated[FreeSection, ShortForm("turn")] | None = Field(
+        default=None,
+        description="yaw: any rotation about the tool's z axis is allowed; or more freedom, as a mapping, alike at "
+        "pick and place.",
     )
     symmetry: Symmetry | None = Field(
         default=None,

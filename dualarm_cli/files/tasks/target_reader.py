@@ -57,7 +57,8 @@ class TargetReader:
         pose = self.pose(section, section.at, loc)
         if pose is None:
             return None
-        return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
+        free_yaw = section.free is not None and section.free.turn is not None
+        return PoseTarget(pose, free_yaw, section.symmetry or 1)
 
     def ranges(self, section: TargetSection, target: Target, of: str) -> tuple[PoseRange, ...]:
         """List the ranges of a target's pose, its own first; joint positions have none.

@@ -13,7 +13,7 @@ from dualarm_cli.files.cells.schema_cell import Line
 from dualarm_cli.files.source.fields import FramedPose, Name, ToolPose, refuse, to_se3
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
-from dualarm_cli.files.tasks.grasps import are_posed, stop_by_grasp
+from dualarm_cli.files.tasks.grasps import are_posed, refuse_leaning, stop_by_grasp
 from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.products import product
@@ -127,6 +127,9 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
         return []
     taker = ANY if arm == ANY else next(name for name in reader.arms if name != arm)
     part = reader.part(section, loc)
+    refuse_leaning(
+        reader, section, loc, "hand-overs have none; remove it, or hand over a part with grasps"
+    )
     meets = reader.targets.pose(handover, handover.at, place)
     stops = {stop.action: stop for stop in reader.stops(section, loc, arm, taker)}
     grasps = _grasps(reader, section, handover.grasp, loc, part)
