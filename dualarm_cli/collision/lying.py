@@ -144,7 +144,7 @@ class HeldBody:
 
     @property
     def radius(self) -> float:
-        """Upper bound on its distance from the tool's z axis, on lines that turn with it too [m]."""
+        """Upper bound on its distance from the tool's z axis at the target [m]."""
         boxes = [(solid.pose, solid.geometry.aabb_local) for solid in self.solids]
         corners = [
             pose.act(np.array(corner))[:2]
@@ -153,7 +153,9 @@ class HeldBody:
                 *zip(np.ravel(box.min_), np.ravel(box.max_), strict=True)
             )
         ]
-        aside = [length * np.hypot(*line.vector[:2]) for length, line in self.lines if line.turns]
+        aside = [
+            length * np.hypot(*line.vector[:2]) for length, line in self.lines if not line.fixed
+        ]
         return float(norm(np.array(corners), axis=1).max()) + max(aside, default=0.0)
 
 

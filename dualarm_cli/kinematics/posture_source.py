@@ -41,7 +41,7 @@ class ReachedPostures:
 
 
 ToolPose = tuple[FloatArray, FloatArray, FloatArray]
-"""Rotation (3, 3) and position (3,) [m] of a flange, and direction of its line outward (3,)."""
+"""Rotation (3, 3), position (3,) [m] and line's direction outward (3,) of a flange."""
 
 
 Enclosure = tuple[IntArray, FloatArray, FloatArray]

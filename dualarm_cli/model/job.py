@@ -15,7 +15,6 @@ from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.budget import Budget, Dwell, TimeRange
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.part_flow import (
-    ALONG_TOOL,
     NO_CARE,
     Buffer,
     Care,
@@ -131,7 +130,7 @@ class Stop:
     """Parts of the dwell whose time varies."""
     ranges: tuple[PoseRange, ...] = ()
     """Ranges of the target's pose, its own first, then those of its frames."""
-    directions: LineDirections = ALONG_TOOL
+    directions: LineDirections = LineDirections()
     """Directions of approach and retract, from the target outward."""
 
     @property

@@ -187,17 +187,17 @@ class LineDirection:
 
     vector: tuple[float, float, float] = (0.0, 0.0, -1.0)
     """Unit vector, in the frame of the fixed tool or of the world."""
-    turns: bool = True
-    """Whether it is in the tool's frame, and turns with the tool."""
+    fixed: bool = False
+    """Whether it is in the world's frame, and does not turn with the tool."""
 
     def axes(self, R_world_tool: FloatArray) -> FloatArray:
-        """Compute axes of the line as columns in the tool's frame, z towards the target, (3, 3).
+        """Compute the line's axes in the tool's frame as columns, z towards the target.
 
         Args:
             R_world_tool: rotation of the tool, shape (3, 3).
         """
         vector = np.array(self.vector)
-        z = -vector if self.turns else -product(R_world_tool.T, vector)
+        z = -product(R_world_tool.T, vector) if self.fixed else -vector
         y = np.cross(z, np.eye(3)[int(abs(z[0]) > 0.9)])
         y = y / norm(y)
         return np.stack([np.cross(y, z), y, z], axis=-1)
@@ -212,7 +212,7 @@ class LineDirection:
         Args:
             R: rotation of this frame of the tool in the other, shape (3, 3).
         """
-        if not self.turns or self == LineDirection():
+        if self.fixed or self == LineDirection():
             return self
         x, y, z = product(R, np.array(self.vector)).tolist()
         return replace(self, vector=(x, y, z))
@@ -229,15 +229,11 @@ class LineDirections:
 
     @property
     def vectors(self) -> FloatArray:
-        """Vectors of both in the tool's frame, then in the world's, zero elsewhere, (2, 2, 3)."""
+        """Vectors in the tool's frame, then in the world's, zero elsewhere, shape (2, 2, 3)."""
         vectors = np.zeros((2, 2, 3))
         for k, line in enumerate((self.approach, self.retract)):
-            vectors[0 if line.turns else 1, k] = line.vector
+            vectors[int(line.fixed), k] = line.vector
         return vectors
-
-
-ALONG_TOOL = LineDirections()
-"""Lines along the tool's z axis."""
 
 
 Line = tuple[float, LineDirection]

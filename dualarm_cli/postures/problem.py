@@ -131,7 +131,7 @@ class StopProblem:
     is_free: Callable[[FloatArray, Place], BoolArray] | None = None
     """Collision test (k,) of joints (k, n) [rad] at a place; None for no test."""
     directions: FloatArray = field(default_factory=lambda: LineDirections().vectors)
-    """Directions of lines outward: in the tool's frame, then in the base frame, shape (2, 2, 3)."""
+    """Directions outward, in the tool's frame, then the base frame, (2, 2, 3)."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""

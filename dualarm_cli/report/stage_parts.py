@@ -473,6 +473,6 @@ def _besides(
 
 
 def _line_of(stops: Mapping[StopKey, Stop], arm: str, part: Segment) -> Line:
-    """Return length and direction of a line of the job; no length for one that it lacks."""
+    """Return length and direction of a job's line; no length without one."""
     stop = stops.get((arm, part.task, part.action))
     return (0.0, LineDirection()) if stop is None else stop.lines[part.kind == "retract"]

@@ -126,7 +126,7 @@ def test_defaults_and_choices_that_help_prints_are_in_the_page(
             "tasks.md",
             "defaults",
             "approach",
-            "length, at least 0; at most 5 without a unit",
+            "length, at least 0; at most 5 without a unit, or mapping",
             5,
             5.1,
         ),

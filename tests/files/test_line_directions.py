@@ -40,13 +40,13 @@ def stops() -> tuple[Stop, ...]:
 def test_lines_have_the_direction_of_their_frame(shelf: Path) -> None:
     """By hand: the tool moves along the vector; from the target outward an approach is against it."""
     pick, place = stops()
-    assert pick.lines[0] == (0.07, LineDirection((0.0, 0.0, -1.0), True))
+    assert pick.lines[0] == (0.07, LineDirection((0.0, 0.0, -1.0), False))
     length, away = pick.lines[1]
     # (0.6, 0, -0.8) turned by a quarter about z.
-    assert (length, away.turns) == (0.05, False)
+    assert (length, away.fixed) == (0.05, True)
     assert away.vector == pytest.approx((0.0, 0.6, -0.8), abs=1e-15)
-    assert place.lines[0] == (0.04, LineDirection((0.0, -1.0, 0.0), True))
-    assert place.lines[1] == (0.06, LineDirection((0.0, 0.0, 1.0), False))
+    assert place.lines[0] == (0.04, LineDirection((0.0, -1.0, 0.0), False))
+    assert place.lines[1] == (0.06, LineDirection((0.0, 0.0, 1.0), True))
 
 
 def test_lines_of_a_grasp_give_way_to_those_of_task_and_target(
@@ -63,7 +63,7 @@ def test_lines_of_a_grasp_give_way_to_those_of_task_and_target(
     pick, place = stops()
     assert pick.lines[0][0] == 0.07
     assert pick.lines[1][0] == 0.05
-    assert place.lines[1] == (0.02, LineDirection((1.0, 0.0, 0.0), True))
+    assert place.lines[1] == (0.02, LineDirection((1.0, 0.0, 0.0), False))
 
 
 def test_a_taking_tool_approaches_as_at_its_place_or_as_the_hand_over_says(
@@ -82,7 +82,7 @@ def test_a_taking_tool_approaches_as_at_its_place_or_as_the_hand_over_says(
     change("tasks.yaml", "grip:", f"approach: {up}, retract: 10 mm, grip:")
     giving, taking = load_job("tasks.yaml").tasks
     assert giving.stops[1].lines[1] == (0.01, LineDirection())
-    assert taking.stops[0].lines[0] == (0.09, LineDirection((0.0, 0.0, 1.0), False))
+    assert taking.stops[0].lines[0] == (0.09, LineDirection((0.0, 0.0, 1.0), True))
 
 
 def test_a_direction_in_the_world_needs_a_pose(

@@ -19,8 +19,8 @@ from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
 
 LENGTH = 0.05
-UP, ASIDE = LineDirection((0.0, 0.6, 0.8), turns=False), LineDirection((0.6, 0.0, -0.8))
-AHEAD = LineDirection((1.0, 0.0, 0.0), turns=False)
+UP, ASIDE = LineDirection((0.0, 0.6, 0.8), fixed=True), LineDirection((0.6, 0.0, -0.8))
+AHEAD = LineDirection((1.0, 0.0, 0.0), fixed=True)
 Jobs = Callable[..., Job]
 
 
@@ -45,7 +45,7 @@ def test_nodes_end_their_lines_where_the_directions_say(random_job: Jobs, numeri
         nodes, stop = grid_nodes(problem, a, 0, Grid(angles, 12, 400)), work.stops[0]
         assert len(nodes.work) > 20
         # A last joint that turns a line is not free.
-        assert nodes.free_last == (not numeric and pair[1].turns is False)
+        assert nodes.free_last == (not numeric and pair[1].fixed)
         R_world, p_world = problem.platform.pose(angles[nodes.angle_index][:, None])
 
         def tips(q, work=work, R_world=R_world, p_world=p_world):
@@ -58,7 +58,7 @@ def test_nodes_end_their_lines_where_the_directions_say(random_job: Jobs, numeri
         assert np.abs(target - stop.p_world_tool).max() < 1e-8
         for q, line in zip((nodes.q_approach, nodes.q_retract), pair, strict=True):
             R_end, end = tips(q)
-            away = R_tool @ line.vector if line.turns else np.array(line.vector)
+            away = np.array(line.vector) if line.fixed else R_tool @ line.vector
             assert np.abs(R_end - R_tool).max() < 1e-8
             assert np.abs(end - target - LENGTH * away).max() < 1e-8
 
@@ -71,7 +71,7 @@ def test_plans_keep_their_lines_and_the_bound(random_job: Jobs, platform, retrac
     assert verify(schedule, job).passed
     assert schedule.lower_bound <= schedule.duration
     # Nothing is known of the joints where a free yaw turns a line.
-    assert (schedule.lower_bound > 0.0) == (not retract.turns)
+    assert (schedule.lower_bound > 0.0) == retract.fixed
     plain = directed(job, LineDirection(), LineDirection())
     failed = {c.name for c in verify(schedule, plain).checks if c.verdict == "failed"}
     assert {"lines_straight", "line_lengths"} <= failed

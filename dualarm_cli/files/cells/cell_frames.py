@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.files.source.diagnostics import Findings
-from dualarm_cli.files.source.fields import TOOL, FramedPose, LineSection, to_se3
+from dualarm_cli.files.source.fields import FramedPose, LineSection, to_se3
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.geometry.products import norm, product
@@ -90,12 +90,12 @@ def read_line(
         return section.distance, LineDirection()
     vector = np.array(section.direction)
     vector *= outward / norm(vector)
-    if section.in_ != TOOL:
-        known = {TOOL: pin.SE3.Identity(), **frames}
-        T_world_frame = frame_pose(document, (*loc, "in"), section.in_, known, findings)
+    if section.in_ != "tool":
+        named = {"tool": pin.SE3.Identity(), **frames}
+        T_world_frame = frame_pose(document, (*loc, "in"), section.in_, named, findings)
         vector = vector if T_world_frame is None else product(T_world_frame.rotation, vector)
     x, y, z = vector.tolist()
-    return section.distance, LineDirection((x, y, z), section.in_ == TOOL)
+    return section.distance, LineDirection((x, y, z), section.in_ != "tool")
 
 
 def frame_pose(

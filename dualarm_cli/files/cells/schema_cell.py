@@ -192,7 +192,7 @@ class FreeSection(Section):
 
     @property
     def leans(self) -> bool:
-        """Whether there are poses of the tool beside the stated one."""
+        """Whether the tool may have other poses than the stated one and its turns."""
         return self.tilt > 0.0 or self.area is not None
 
 

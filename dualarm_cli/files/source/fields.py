@@ -200,8 +200,6 @@ class FramedPose(Pose):
     )
 
 
-TOOL = "tool"
-"""Name of the tool's own frame in directions of lines."""
 DirectionPart = Annotated[float, Quantity(Dimension("part of a direction", {"": 1.0}, 1e3))]
 
 

@@ -13,9 +13,6 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.model.job import PoseTarget, Stop, Task
 from dualarm_cli.model.part_flow import Grasp, part_as_held
 
-LINES = ("approach", "retract")
-"""Keys of the straight lines of a target."""
-
 if TYPE_CHECKING:
     from dualarm_cli.files.source.yaml_source import Loc
     from dualarm_cli.files.tasks.schema_tasks import TaskSection
@@ -68,7 +65,7 @@ def refuse_leaning(reader: TaskReader, section: TaskSection, loc: Loc, why: str)
 
 
 def _leaning(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> list[Task]:
-    """Build a task with each pose that the freedom of its targets adds, as a grasp of the tool.
+    """Build a task with each pose of the tool that its targets allow.
 
     The tool holds the part alike at pick and place.
     """
@@ -162,7 +159,7 @@ def stop_by_grasp(
         math.lcm(target.symmetry, grasp.symmetry),
     )
     stop = replace(stop, target=target)
-    for key in LINES:
+    for key in ("approach", "retract"):
         line, stated = getattr(grasp, key), (section, getattr(section, stop.action))
         if line is not None and all(getattr(keys, key) is None for keys in stated):
             directions = replace(stop.directions, **{key: line[1]})

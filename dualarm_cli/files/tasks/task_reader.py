@@ -17,7 +17,7 @@ from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.curves import CurveReader
-from dualarm_cli.files.tasks.grasps import LINES, grasped
+from dualarm_cli.files.tasks.grasps import grasped
 from dualarm_cli.files.tasks.schema_tasks import (
     SIGNAL_KEYS,
     DefaultsSection,
@@ -354,7 +354,7 @@ class TaskReader:
             if target is None:
                 continue
             lines = self._lines(section, target_section, place)
-            if isinstance(target, JointTarget) and not all(line.turns for _, line in lines):
+            if isinstance(target, JointTarget) and any(line.fixed for _, line in lines):
                 message = (
                     "joint positions say nothing of the world: give in: tool to the directions of approach and "
                     "retract, or the target as a pose"
@@ -388,7 +388,7 @@ class TaskReader:
     def _lines(self, section: TaskSection, target: TargetSection, loc: Loc) -> list[Line]:
         """Read approach and retract of a target; defaults are of picks and places."""
         lines = []
-        for key in LINES:
+        for key in ("approach", "retract"):
             line: tuple[LineSection, Loc] = getattr(self.defaults, key), ("defaults", key)
             if loc[-1] == "move":
                 line = LineSection.model_construct(distance=0.0), loc

@@ -45,7 +45,7 @@ class StopTarget:
     dwell: float
     """Dwell at the target [s]."""
     directions: FloatArray = field(default_factory=lambda: LineDirections().vectors)
-    """Directions of lines outward: in the tool's frame, then in the world's, shape (2, 2, 3)."""
+    """Directions outward, in the tool's frame, then the world's, (2, 2, 3)."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
