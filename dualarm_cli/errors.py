@@ -198,7 +198,7 @@ class InfeasibleError(DualArmError):
 
 
 class BlockedError(InfeasibleError):
-    """Stages for which no repair removes the collision."""
+    """Stages that lack a motion, though another order or another arm may have one."""
 
     def __init__(
         self,
@@ -206,6 +206,7 @@ class BlockedError(InfeasibleError):
         stages: tuple[int, ...],
         alone: bool = False,
         never: tuple[tuple[str, str], ...] = (),
+        unheld: tuple[tuple[str, str], ...] = (),
     ) -> None:
         """Store the numbers of the blocked stages, from 0; the return is the last one.
 
@@ -214,8 +215,9 @@ class BlockedError(InfeasibleError):
             stages: numbers of the stages.
             alone: whether an arm collides in a stage independently of the other arm.
             never: (arm, task id) pairs whose every posture collides with the cell.
+            unheld: (arm, task id) pairs whose load the arm could not hold still.
         """
-        self.stages, self.alone, self.never = stages, alone, never
+        self.stages, self.alone, self.never, self.unheld = stages, alone, never, unheld
         super().__init__(*refusals)
 
 

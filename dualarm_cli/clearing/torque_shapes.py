@@ -16,6 +16,7 @@ import numpy as np
 from dualarm_cli.clearing.stage_samples import is_clear, stage_samples
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.dynamics import Dynamics
+from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import merge
 from dualarm_cli.model.robot import JointLimits
@@ -23,7 +24,7 @@ from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.care import MotionLimits
-from dualarm_cli.motion.payloads import PayloadSpan, carried_inertias, payload_spans
+from dualarm_cli.motion.payloads import carried_inertias, payload_spans
 from dualarm_cli.motion.torque_limits import SETTINGS, sampled_motion
 from dualarm_cli.motion.torque_transfer import State, TransferEnds, transfer_within_torques
 from dualarm_cli.motion.transfers import keeps_tool_speed
@@ -101,7 +102,7 @@ def _limits(job: Job, motion: Motion, stage: int) -> MotionLimits:
 def _replacements(job: Job, motion: Motion) -> dict[tuple[int, str], _Shaped]:
     """Compute the new shape of each overloaded transfer, by stage and arm."""
     spans, shared = payload_spans(job, motion), _shared(job)
-    models: dict[tuple[PayloadSpan, ...], Dynamics] = {}
+    models: dict[tuple[tuple[str, Held], ...], Dynamics] = {}
     shaped, arms, tracks = {}, job.cell.robot.arms, _tracks(job, motion)
     for k, stage in enumerate(motion.stages):
         meets = bool(shared.intersection(stage.tasks))
@@ -120,7 +121,7 @@ def _replacements(job: Job, motion: Motion) -> dict[tuple[int, str], _Shaped]:
                 and span.start <= transfers[0].start + SAME_TIME
                 and span.end >= transfers[0].end - SAME_TIME
             ]
-            key = tuple(replace(span, start=0.0, end=0.0) for span in held)
+            key = tuple(span.load for span in held)
             if key not in models:
                 models[key] = Dynamics(job.cell, carried_inertias(job, held))
             limits = _limits(job, motion, k).joints

@@ -24,6 +24,13 @@ class PayloadSpan:
     """End [s]."""
     held: Held
     """The part in its tool, or the tool."""
+    task: str
+    """Task that took it; empty for a tool that is on at the start."""
+
+    @property
+    def load(self) -> tuple[str, Held]:
+        """Arm and what it holds, whenever that is."""
+        return self.arm, self.held
 
 
 def payload_spans(job: Job, motion: Motion) -> list[PayloadSpan]:
@@ -32,9 +39,9 @@ def payload_spans(job: Job, motion: Motion) -> list[PayloadSpan]:
     loads, end = [], float(motion.trajectory.time[-1])
     for arm in (part.name for part in job.cell.robot.arms):
         # A tool that is on at the start stays on until it is left.
-        taken: dict[bool, tuple[float, Held]] = {}
+        taken: dict[bool, tuple[float, Held, str]] = {}
         if tool := job.cell.start_tool(arm):
-            taken[True] = (0.0, Held(tool))
+            taken[True] = (0.0, Held(tool), "")
         for event in sorted(motion.events, key=lambda event: event.time):
             # A section's order may have chosen the arm of a task that any arm may do.
             task = tasks.get((event.arm, event.task)) or tasks.get((ANY, event.task))
@@ -44,11 +51,12 @@ def payload_spans(job: Job, motion: Motion) -> list[PayloadSpan]:
                 taken[task.is_change] = (
                     event.time,
                     Held(task.tool, "" if task.is_change else task.part),
+                    task.id,
                 )
             elif event.action in GIVES and task.is_change in taken:
-                start, held = taken.pop(task.is_change)
-                loads.append(PayloadSpan(arm, start, event.changes_held, held))
-        loads += [PayloadSpan(arm, start, end, held) for start, held in taken.values()]
+                start, held, name = taken.pop(task.is_change)
+                loads.append(PayloadSpan(arm, start, event.changes_held, held, name))
+        loads += [PayloadSpan(arm, start, end, held, name) for start, held, name in taken.values()]
     return [load for load in loads if job.cell.load_inertia(load.arm, load.held).mass > 0.0]
 
 

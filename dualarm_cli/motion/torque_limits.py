@@ -12,9 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.dynamics import Dynamics
+from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
@@ -65,8 +66,9 @@ def within_torques(job: Job, motion: Motion, *, late: bool = False) -> tuple[Mot
         late: whether belts may be met later than planned, as in estimates of delays.
 
     Raises:
-        InfeasibleError: a joint cannot hold still at a place of the motion, exceeds its torques on a path, a seam or a
-            belt whose time the job gives, or a belt would be met too late.
+        BlockedError: a joint cannot hold still at a place of the motion.
+        InfeasibleError: a joint exceeds its torques on a path, a seam or a belt whose time the job gives, or a belt
+            would be met too late.
     """
     factors, edges, joint, notes = _slowing(job, motion, late=late)
     if not (factors > 1.0).any():
@@ -96,19 +98,28 @@ def _slowing(
         return np.ones(len(times) - 1), edges, 0, []
     loads = payload_spans(job, motion)
     bounds = np.unique([trajectory.time[0], *(t for load in loads for t in (load.start, load.end))])
-    models: dict[tuple[PayloadSpan, ...], Dynamics] = {}
+    models: dict[tuple[tuple[str, Held], ...], Dynamics] = {}
     instants: list[_Instants] = []
+    failures: list[BlockedError] = []
     for first, last in zip(bounds, [*bounds[1:], trajectory.time[-1]], strict=True):
         if last <= first:
             continue
         held = [load for load in loads if load.start <= first and load.end >= last]
-        key = tuple(replace(load, start=0.0, end=0.0) for load in held)
+        key = tuple(load.load for load in held)
         if key not in models:
             models[key] = Dynamics(job.cell, carried_inertias(job, held))
         time, knot, (q, v, a) = sampled_motion(trajectory, float(first), float(last))
         parts = models[key].torques(q, v, a)
-        worst = _least_squares(job, models[key].limit, time, parts, held)
+        try:
+            worst = _least_squares(job, models[key].limit, time, parts, held)
+        except BlockedError as error:
+            failures.append(error)
+            continue
         instants.append(_Instants(time, _span(edges, knot), v, *parts, *worst, tuple(held)))
+    if failures:
+        # The first one says why; a search learns from all.
+        unheld = tuple(dict.fromkeys(pair for error in failures for pair in error.unheld))
+        raise BlockedError(*failures[0].refusals, stages=(), unheld=unheld)
     squares = np.ones(len(times) - 1)
     for part in instants:
         np.maximum.at(squares, part.span, part.square)
@@ -312,15 +323,13 @@ def _least_squares(
         Squares, 0 at rest, shape (k,); indices of joints, shape (k,).
 
     Raises:
-        InfeasibleError: a joint cannot hold still.
+        BlockedError: a joint cannot hold still.
     """
     limit, at_rest = (1.0 - SETTINGS.reserve) * most, torques[0]
     lacking = np.abs(at_rest) - limit
     k, joint = np.unravel_index(int(np.argmax(lacking)), lacking.shape)
     if lacking[k, joint] >= 0.0:
-        raise InfeasibleError(
-            _cannot_hold(job, float(time[k]), int(joint), float(at_rest[k, joint]), held)
-        )
+        raise _cannot_hold(job, float(time[k]), int(joint), float(at_rest[k, joint]), held)
     squares = least_squares(limit, torques)
     return squares.max(axis=1), squares.argmax(axis=1)
 
@@ -365,10 +374,13 @@ def least_slowing(dynamics: Dynamics, motion: Trajectory) -> tuple[float, int]:
 
 def _cannot_hold(
     job: Job, time: float, joint: int, torque: float, held: Sequence[PayloadSpan]
-) -> Refusal:
-    """Build the refusal of a joint that cannot hold still."""
+) -> BlockedError:
+    """Build the error of a joint that cannot hold still: another arm may."""
     torque, effort, data = _overload_data(job, time, joint, torque, held)
-    return Refusal("cannot_hold", measured=torque, allowed=effort, data=data)
+    refusal = Refusal("cannot_hold", measured=torque, allowed=effort, data=data)
+    own = {arm.name for arm in job.cell.robot.arms if data["joint"] in arm.joints}
+    unheld = tuple((load.arm, load.task) for load in held if load.arm in own)
+    return BlockedError(refusal, stages=(), unheld=unheld)
 
 
 def _overload(job: Job, part: _Instants, row: int) -> tuple[float, float, dict[str, object]]:

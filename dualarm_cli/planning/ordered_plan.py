@@ -195,7 +195,7 @@ class _Tried:
     pairs: set[StagePair] = field(default_factory=set)
     """Pairs of stops that collide in the same stage."""
     others: set[ArmTask] = field(default_factory=set)
-    """(arm, task) pairs without a collision-free motion while the other arm idles."""
+    """(arm, task) pairs without a collision-free motion while the other arm idles, or too heavy for the arm."""
 
     @property
     def count(self) -> int:
@@ -206,6 +206,7 @@ class _Tried:
         """Learn from an order whose plan collides."""
         before = len(self.others)
         movable = self.either - {task for _, task in self.others}
+        self.others |= {pair for pair in error.unheld if pair[1] in movable}
         # Later collisions may follow from the first one: learn one task at a time.
         lone = error.never or _lone_tasks(job, error.stages)
         self.others |= set([pair for pair in lone if pair[1] in movable][:1])

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY
@@ -116,6 +116,28 @@ def test_a_joint_that_cannot_hold_still_is_refused() -> None:
         InfeasibleError, match=r"swing needs 9\.81 N m to hold still .*, 123% of its"
     ):
         within_torques(job_of(8.0, pin.SE3.Identity()), swing())
+
+
+def test_the_tasks_whose_load_cannot_be_held_are_named() -> None:
+    """The tool alone takes 9.81 N m, with a part of 3 kg 24.5 N m: the first of two parts is put down in time."""
+    job, motion = job_of(15.0, pin.SE3.Identity()), swing()
+    assert MASS * GRAVITY * LENGTH < 15.0 < (MASS + PART) * GRAVITY * LENGTH
+    tasks = [task_of(name, part="box") for name in ("a", "b")]
+    times = {("a", "pick"): 0.0, ("a", "place"): 0.05, ("b", "pick"): 0.45}
+    events = [
+        replace(motion.events[0], time=t, task=task, action=action, dwell=0.0)
+        for (task, action), t in times.items()
+    ]
+    with pytest.raises(BlockedError) as refused:
+        within_torques(
+            SimpleNamespace(cell=job.cell, tasks=tasks), replace(motion, events=tuple(events))
+        )
+    assert refused.value.unheld == (("left", "a"), ("left", "b"))
+    assert refused.value.refusals[0].data["loads"] == ["left box"]
+    alone = replace(motion, events=tuple(events[2:]))
+    with pytest.raises(BlockedError) as refused:
+        within_torques(SimpleNamespace(cell=job.cell, tasks=tasks), alone)
+    assert refused.value.unheld == (("left", "b"),)
 
 
 def test_a_motion_within_its_torques_is_the_same_object() -> None:

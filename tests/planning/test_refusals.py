@@ -212,6 +212,19 @@ def test_what_no_posture_of_an_arm_does_ends_the_search_at_once_unless_the_other
     assert tried.is_hopeless
 
 
+def test_parts_too_heavy_for_an_arm_go_to_the_other_one():
+    """All of them at once; a task of a fixed arm stays with it."""
+    tried = ordered_plan._Tried(12, frozenset(["a", "b"]))
+    heavy = (("left", "a"), ("left", "b"), ("left", "fixed"))
+    tried.add(SimpleNamespace(stages=list), BlockedError(TOUCHES, stages=(), unheld=heavy))
+    assert tried.others == set(heavy[:2])
+    # The other arm cannot hold one, either: nothing is left to learn.
+    tried.add(
+        SimpleNamespace(stages=list), BlockedError(TOUCHES, stages=(), unheld=(("right", "a"),))
+    )
+    assert tried.count == 2
+
+
 CROWDED = """\
 dualarm: cell/1
 robot: yumi
