@@ -378,8 +378,8 @@ def _cannot_hold(
     """Build the error of a joint that cannot hold still: another arm may."""
     torque, effort, data = _overload_data(job, time, joint, torque, held)
     refusal = Refusal("cannot_hold", measured=torque, allowed=effort, data=data)
-    own = {arm.name for arm in job.cell.robot.arms if data["joint"] in arm.joints}
-    unheld = tuple((load.arm, load.task) for load in held if load.arm in own)
+    arms = [arm.name for arm in job.cell.robot.arms if data["joint"] in arm.joints]
+    unheld = tuple((load.arm, load.task) for load in held if load.arm in arms)
     return BlockedError(refusal, stages=(), unheld=unheld)
 
 

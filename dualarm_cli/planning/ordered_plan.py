@@ -195,7 +195,7 @@ class _Tried:
     pairs: set[StagePair] = field(default_factory=set)
     """Pairs of stops that collide in the same stage."""
     others: set[ArmTask] = field(default_factory=set)
-    """(arm, task) pairs without a collision-free motion while the other arm idles, or too heavy for the arm."""
+    """(arm, task) pairs excluded by a collision without the other arm, or by weight."""
 
     @property
     def count(self) -> int:
