@@ -10,7 +10,6 @@ Without a step all are done, in this order:
 - `hero`: the README's picture alone; not part of a whole run.
 - `pages`: the table's numbers are written into the pages, wherever a comment names one.
 - `outputs`: the commands of all pages run, and the outputs below them get their numbers. This takes long.
-- `check`: all of `PLANS` are made, and the table is compared with them. Nothing is written; not part of a whole run.
 
 A number of a page that is not in an output has its source behind it: `31.542 s<!-- figure: 04_packing cycle_time -->`
 is the member of that row of the table in the unit and with the decimals that the page has. What a page lists by rows
@@ -215,13 +214,6 @@ def write_table(folder: Path) -> None:
     TABLE.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def check_table(folder: Path) -> None:
-    """Makes all plans again, and ends with exit code 1 where the table has another number."""
-    rows = table()
-    wrong = [line for name in PLANS for line in differences(name, rows[name], folder)]
-    sys.exit("\n".join([*wrong, "write it anew: python docs/figures.py"]) if wrong else 0)
-
-
 def shown(row: Row) -> Row:
     """Returns what a picture carries: the row without the time that planning took."""
     return {key: value for key, value in row.items() if key != "processor_time"}
@@ -371,7 +363,7 @@ def correct_outputs() -> None:
 
 
 def main(steps: list[str]) -> None:
-    """Does the steps that are named, or all but the check."""
+    """Does the steps that are named, or a whole run."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "tasks").symlink_to(ROOT / "tasks", target_is_directory=True)
@@ -382,9 +374,8 @@ def main(steps: list[str]) -> None:
             "pages": fill_pages,
             "outputs": correct_outputs,
             "hero": lambda: take_hero(folder),
-            "check": lambda: check_table(folder),
         }
-        for step in steps or list(does)[:-2]:
+        for step in steps or list(does)[:-1]:
             does[step]()
 
 

@@ -264,7 +264,7 @@ def test_an_arm_comes_from_where_it_stood_before_the_other_one_s_work(tmp_path: 
         bounds = []
         for tasks in ((path,), (path, right), (path, right, again[0]), (path, right, *again)):
             job = job_of(tmp_path, *tasks, head=head)
-            found = job_bound(job, "thorough", "lines" if blended else "none").value
+            found = job_bound(job, "quick", "lines" if blended else "none").value
             bounds.append(found - at_full_speed(job))
         # The right arm's way from its last place to the next pick is longer than the left one's to its path.
         assert (np.diff(bounds) > (0.1, -1e-3, 0.1)).all()
@@ -273,7 +273,7 @@ def test_an_arm_comes_from_where_it_stood_before_the_other_one_s_work(tmp_path: 
         far[robot.columns(robot.arm("right").joints)] += 1.0
         moved = replace(robot, postures={**robot.postures, "home": far})
         elsewhere = replace(job, cell=replace(job.cell, robot=moved))
-        assert job_bound(elsewhere, "thorough", "lines" if blended else "none").value > found
+        assert job_bound(elsewhere, "quick", "lines" if blended else "none").value > found
 
 
 def test_handovers_between_paths_last_for_all_of_their_dwells(
