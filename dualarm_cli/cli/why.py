@@ -40,8 +40,8 @@ def why_command(
         typer.Option(
             "--budget",
             metavar="DURATION",
-            help="Time after which no further plan is begun (30, '30 s'); 0: estimates only.",
-            show_default="at most seven plans, of the largest levers",
+            help="Time in which levers are re-planned (30, '2 min'), largest first; 0: estimates only.",
+            show_default="two plans, chosen by the estimates",
         ),
     ] = None,
     apply: Annotated[
@@ -130,7 +130,7 @@ def _apply(
 
     best = best_set(replanned, required)
     if best is None:
-        raise UsageError(f"--apply {folder}: no re-planned lever gains time; allow more --budget")
+        raise UsageError(f"--apply {folder}: no re-planned lever gains time; give --budget '5 min'")
     files = applied(tasks, merged(best.levers))
     replace_all(folder, {name: [content] for name, content in files.contents.items()})
     if not quiet:
@@ -201,10 +201,13 @@ def _print(document: dict[str, Any], details: bool) -> None:
     )
 
     console = stdout_console()
+    console.width = min(console.width, 80)  # names of joints and frames go to a second line
     if details:
         console.print(stages_table(document))
     console.print(shares_table(document))
-    console.print(levers_table(document, details))
+    levers = levers_table(document, details)
+    if levers.row_count:
+        console.print(levers)
     if document["combinations"]:
         console.print(combinations_table(document))
     print_lines(console, *document["sentences"])

@@ -17,6 +17,7 @@ from dualarm_cli.files.source.quantities import QuantityError
 from dualarm_cli.files.source.value_paths import PathError, from_pointer, to_pointer, value_at
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.studies.studies import job_documents
+from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.study import Amount
 from dualarm_cli.records import dataclass
 
@@ -33,7 +34,9 @@ class LeverSizes:
     clearance: float = 0.2
     """Factor on the clearance."""
     faster: float = 1.2
-    """Factor on accelerations and jerks of joints, and on the limit of tool speed."""
+    """Factor on speeds, accelerations and jerks of joints, and on the limit of tool speed."""
+    wider: float = 2.0
+    """Factor on the deviation at blended targets and corners."""
     shift: str = "20 mm"
     """Displacement of frames along each axis."""
     turn: str = "5 deg"
@@ -42,10 +45,13 @@ class LeverSizes:
 
 SIZES = LeverSizes()
 CLEARANCE, SKEW, MASS, CARE = "clearance", "skew", "mass of tools and parts", "care"
-UNMODELLED = (CLEARANCE, SKEW, MASS, CARE)
-"""Levers whose gain is in fewer collisions, smaller torques, or limits of single stages."""
+BLEND = "blend"
+UNMODELLED = (CLEARANCE, SKEW, MASS, CARE, BLEND)
+"""Levers whose gain is in fewer collisions, smaller torques, corners, or limits of single stages."""
 PLAIN_UNITS = {
-    **dict.fromkeys(("approach", "retract", "distance", "straight", "clearance"), "m"),
+    **dict.fromkeys(
+        ("approach", "retract", "distance", "straight", "blend", "clearance"), "m"
+    ),
     **dict.fromkeys(("dwell", "gripper", "settle", "handshake", "skew"), "s"),
     "tool_speed": "m/s",
     "mass": "kg",
@@ -65,6 +71,8 @@ class Lever:
     """Kind of the change."""
     values: Mapping[str, Any]
     """New values, by role and JSON pointer."""
+    faster: tuple[str, ...] = ()
+    """Joints with a higher speed limit, which is in no file of the job but the robot's URDF."""
 
     @property
     def is_modelled(self) -> bool:
@@ -73,6 +81,11 @@ class Lever:
         They do not for orders and arms, nor for collisions and torques.
         """
         return self.kind != "search" and self.name not in UNMODELLED
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it changes numbers, so that there are parts of it; names of postures have none."""
+        return "tasks:/start" not in self.values
 
     def excludes(self, lever: Lever) -> bool:
         """Whether both change the same value."""
@@ -122,6 +135,8 @@ def levers(documents: Mapping[str, Document]) -> list[Lever]:
         *_dwells(documents, places),
         *_limits(documents, places),
         *_decisions(documents["tasks"]),
+        *_starts(documents),
+        *_grasps(documents),
         *(_frames(documents["cell"]) if "cell" in documents else []),
         *_joints(documents),
     ]
@@ -251,6 +266,8 @@ def _limits(documents: Mapping[str, Document], places: Mapping[str, list[Loc]]) 
     yield from _lever(CARE, "process", documents, careful, _share(SIZES.faster))
     gap = [place for place in _named(places, "cell", "clearance") if len(place[1]) == 1]
     yield from _lever(CLEARANCE, "process", documents, gap, _times(SIZES.clearance))
+    blends = _named(places, "tasks", "blend")
+    yield from _lever(BLEND, "process", documents, blends, _times(SIZES.wider))
     skew = [place for place in _named(places, "tasks", "skew") if "timing" in place[1]]
     yield from _lever(SKEW, "process", documents, skew, _times(SIZES.half))
     mass = [p for p in _named(places, "cell", "mass") if p[1][0] in ("tools", "parts")]
@@ -278,6 +295,60 @@ def _decisions(document: Document) -> Iterator[Lever]:
     mode = data.get("mode", "paired")
     alternative = "free" if mode == "paired" else "paired"
     yield Lever("mode", f"{mode} to {alternative}", "search", {"tasks:/mode": alternative})
+
+
+def _starts(documents: Mapping[str, Document]) -> Iterator[Lever]:
+    """Yield levers of the posture in which a closed cycle begins and ends."""
+    data = documents["tasks"].data
+    present = data.get("start", "home")
+    postures = [
+        name
+        for role, document in documents.items()
+        if role.startswith("robot") and isinstance(document.data.get("postures"), dict)
+        for name in document.data["postures"]
+    ]
+    if data.get("return") is True and present != "free":
+        for name in dict.fromkeys((*postures, "free")):
+            if name != present:
+                yield Lever("start", f"{present} to {name}", "process", {"tasks:/start": name})
+
+
+def _grasps(documents: Mapping[str, Document]) -> Iterator[Lever]:
+    """Yield the lever that lets the planner choose among all grasps of parts."""
+    parts = documents["cell"].data.get("parts") if "cell" in documents else None
+    every = {
+        name: list(part["grasps"])
+        for name, part in (parts.items() if isinstance(parts, dict) else ())
+        if isinstance(part, dict) and isinstance(part.get("grasps"), dict)
+    }
+    tasks = documents["tasks"]
+    defaults = tasks.data.get("defaults")
+    values = {}
+    for k, task in enumerate(tasks.listed("tasks")):
+        if not isinstance(task, dict) or "grasp" not in task:
+            continue
+        part = task.get("part", defaults.get("part") if isinstance(defaults, dict) else None)
+        chosen = task["grasp"] if isinstance(task["grasp"], list) else [task["grasp"]]
+        if len(every.get(part, ())) > len(chosen):
+            values[f"tasks:/tasks/{k}/grasp"] = every[part]
+    if values:
+        yield Lever("grasps", "of the file to any", "search", values)
+
+
+def joint_speeds(robot: Robot) -> list[Lever]:
+    """List levers of the speed limits of joints: all, of the platform, and each one.
+
+    Args:
+        robot: of the job; its URDF has the limits.
+    """
+    change = f"{SIZES.faster - 1.0:+.0%}"
+    groups = {"all joints": robot.joints, "the platform": robot.platform}
+    groups |= {joint: (joint,) for joint in robot.joints if joint not in robot.platform}
+    return [
+        Lever(f"speed of {name}", change, "robot", {}, joints)
+        for name, joints in groups.items()
+        if joints
+    ]
 
 
 def _frames(cell: Document) -> Iterator[Lever]:
@@ -329,6 +400,7 @@ def _joints(documents: Mapping[str, Document]) -> Iterator[Lever]:
         side = role.partition(".")[2]
         for joint, places in by_joint.items():
             if joint not in joints:
-                name = f"acceleration of {side} {joint}" if side else f"acceleration of {joint}"
+                prefix = f"{side}_" if side and not joint.startswith(f"{side}_") else ""
+                name = f"acceleration of {prefix}{joint}"
                 yield from _lever(name, "robot", documents, places, faster)
     yield from _lever("acceleration of all joints", "robot", documents, every, faster)

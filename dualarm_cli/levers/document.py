@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dualarm_cli import __version__
-from dualarm_cli.levers.estimates import Estimate
+from dualarm_cli.levers.estimates import ONLY_PLANNED, Estimate
 from dualarm_cli.levers.replanning import Replanned
 from dualarm_cli.levers.stops import PartialLever
 from dualarm_cli.model.job import Job
@@ -123,7 +123,7 @@ def _lever(
 
 
 def best_set(replanned: Sequence[Replanned], required: float | None) -> Replanned | None:
-    """Select what to apply: the fewest levers that meet the budget, else the largest gain.
+    """Select what to apply: the fewest levers that meet a budget that the plan misses, else the largest gain.
 
     Another robot is no change of the cell, and is left out.
     """
@@ -137,7 +137,7 @@ def best_set(replanned: Sequence[Replanned], required: float | None) -> Replanne
     meets = [
         result
         for result in usable
-        if required is not None and (result.cycle_time or 0.0) <= required
+        if required is not None and (result.cycle_time or 0.0) <= required < result.before
     ]
     if meets:
         return min(meets, key=lambda result: (len(result.levers), result.gain or 0.0))
@@ -150,12 +150,17 @@ def sentences(
     replanned: Sequence[Replanned],
     estimates: Sequence[Estimate],
 ) -> list[str]:
-    """Say what meets the budget, or what helps most; the largest estimate if nothing was re-planned."""
+    """Say what meets the budget, or what helps most; the largest estimate if nothing was re-planned.
+
+    Levers that only another plan shows are named unless they were re-planned; the sentence with the result is last.
+    """
     best = best_set(replanned, required)
-    words = []
+    words = _unknown(replanned, estimates)
     if required is not None and schedule.duration <= required:
         words.append(f"the budget of {required:g} s is met: {schedule.duration:.3f} s")
     gains = [(e.gain, e.lever) for e in estimates if e.gain is not None and e.gain > 0.0]
+    if not gains and any(e.gain is not None for e in estimates):
+        words.append("no lever is estimated to gain time")
     if not replanned and gains:
         gain, lever = max(gains, key=lambda estimate: estimate[0])
         share = -gain / schedule.duration
@@ -175,4 +180,18 @@ def sentences(
             words.append(f"needs {required:g} s: {gives}")
         else:
             words.append(f"needs {required:g} s, which nothing that was re-planned gives: {gives}")
+    return words
+
+
+def _unknown(replanned: Sequence[Replanned], estimates: Sequence[Estimate]) -> list[str]:
+    """Say why nothing has an estimate, and which levers only another plan shows."""
+    words = []
+    modelled = [e for e in estimates if e.lever.is_modelled]
+    if modelled and all(e.gain is None for e in modelled):
+        words.append(f"no lever has an estimate: {modelled[0].reason}")
+    planned = {name for result in replanned for name in result.names}
+    unknown = [e.lever for e in estimates if e.reason == ONLY_PLANNED]
+    others = [lever.name for lever in unknown if str(lever) not in planned]
+    if others:
+        words.append(f"only a new plan shows the gain, with a longer --budget: {', '.join(others)}")
     return words

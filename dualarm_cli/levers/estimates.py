@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,24 @@ import numpy as np
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.dynamics import limits_torques
-from dualarm_cli.levers.changes import CLEARANCE, MASS, Lever, documents_of, levers
+from dualarm_cli.levers.changes import (
+    BLEND,
+    CLEARANCE,
+    MASS,
+    SIZES,
+    Lever,
+    documents_of,
+    joint_speeds,
+    levers,
+)
 from dualarm_cli.levers.kept_plan import KeptPlan
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.critical_path import retimed
+
+ONLY_PLANNED = "only another plan shows it"
+"""Reason of levers whose gain is not in the times of motions and dwells."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +53,8 @@ def estimated_levers(schedule: Schedule, job: Job, tasks: Path) -> list[Estimate
         job: its job.
         tasks: its task file.
     """
-    candidates = [lever for lever in levers(documents_of(tasks)) if _matters(lever, schedule, job)]
+    every = [*levers(documents_of(tasks)), *joint_speeds(job.cell.robot)]
+    candidates = [lever for lever in every if _matters(lever, schedule, job)]
     return _ranked(estimated(schedule, job, tasks, candidates))
 
 
@@ -78,18 +92,30 @@ def _matters(lever: Lever, schedule: Schedule, job: Job) -> bool:
     """Return whether a lever may change a plan."""
     if lever.name == MASS:
         return limits_torques(job.cell)
+    if lever.name == BLEND:
+        return any(stop.action == "move" for task in job.tasks for stop in task.stops)
     return lever.name != CLEARANCE or schedule.clearance_cost != 0.0
 
 
 def lengths_under(kept: KeptPlan, lever: Lever, tasks: Path) -> np.ndarray | str:
     """Estimate the times of the plan's pieces under a lever, or return the reason against."""
-    changed = load_job(tasks, tasks.name, lever.values)
+    changed = load_job(tasks, tasks.name, lever.values) if lever.values else kept.job
     if not lever.is_modelled:
-        return "only another plan shows it"
+        return ONLY_PLANNED
     if not kept.is_modelled:
         return "parts on belts are met at other times then"
-    lengths = kept.lengths(changed)
+    lengths = kept.lengths(_with_speeds(changed, lever.faster))
     return "a posture of the plan is out of reach then" if lengths is None else lengths
+
+
+def _with_speeds(job: Job, joints: Sequence[str]) -> Job:
+    """Raise the speed limits of joints."""
+    if not joints:
+        return job
+    robot = job.cell.robot
+    factors = np.where(np.isin(robot.joints, joints), SIZES.faster, 1.0)
+    limits = replace(robot.limits, velocity=factors * robot.limits.velocity)
+    return replace(job, cell=replace(job.cell, robot=replace(robot, limits=limits)))
 
 
 def _ranked(estimates: Sequence[Estimate]) -> list[Estimate]:

@@ -32,10 +32,10 @@ NAMED = ("platform", "follower", "seam_solver", "redundancy")
 class ReplanSettings:
     """Numbers of plans that are re-planned."""
 
+    plans: int = 2
+    """Number of plans without a limit of time: on two cores they take about as long as the plan did."""
     singles: int = 3
-    """Number of estimated levers of the cell that are planned by themselves, largest first."""
-    searched: int = 1
-    """Number of levers without an estimate that are planned by themselves."""
+    """Number of levers that are planned by themselves before any are planned together."""
     together: int = 3
     """Largest number of levers in a combination; there is one combination of each size."""
 
@@ -91,11 +91,13 @@ class Replanner:
     results: list[Replanned] = field(default_factory=list)
     """All results so far."""
 
-    def plan(self, sets: Sequence[tuple[Lever, ...]]) -> list[Replanned]:
-        """Plan sets of levers in order, as far as the time allows; return the new results."""
+    def plan(self, sets: Sequence[tuple[Lever, ...]], most: int | None = None) -> None:
+        """Plan the first sets of levers that are not planned yet, as far as the time allows."""
         planned = {frozenset(map(str, result.levers)) for result in self.results}
-        keys = {frozenset(map(str, levers)): levers for levers in reversed(sets)}
-        left = [levers for key, levers in reversed(keys.items()) if key not in planned]
+        keys: dict[frozenset[str], tuple[Lever, ...]] = {}
+        for levers in sets:
+            keys.setdefault(frozenset(map(str, levers)), levers)
+        left = [levers for key, levers in keys.items() if key not in planned][:most]
         fresh: list[Replanned] = []
         while left and (self.until is None or monotonic() < self.until):
             count = len(left) if self.until is None else self.batch
@@ -108,7 +110,6 @@ class Replanner:
                 self.tell(len(self.results) + len(fresh) + len(by_index), "")
             fresh += [by_index[k] for k in sorted(by_index)]
         self.results += fresh
-        return fresh
 
 
 def merged(levers: Sequence[Lever]) -> dict[str, Any]:
@@ -127,9 +128,10 @@ def request_of(schedule: Schedule, tasks: Path, case: str) -> Request:
 
 
 def replan(replanner: Replanner, estimates: Sequence[Estimate], target: float | None) -> None:
-    """Plan the largest levers by themselves, then the best of them together.
+    """Plan the largest levers by themselves and together.
 
-    All results are in the replanner.
+    Without a limit of time these are few plans, chosen by the estimates. Otherwise gains of new plans decide what is
+    planned together, and then all other levers follow. All results are in the replanner.
 
     Args:
         replanner: plans changed jobs.
@@ -138,24 +140,39 @@ def replan(replanner: Replanner, estimates: Sequence[Estimate], target: float | 
     """
     cell = [e for e in estimates if e.lever.kind != "robot"]
     free = _whole([e.lever for e in cell if e.gain is not None and e.gain > 0.0])
-    unestimated = [e.lever for e in cell if e.gain is None and not (free and e.lever.is_modelled)]
-    count = REPLAN.searched if free else REPLAN.singles
-    singles = [*unestimated[:count], *free[: REPLAN.singles]]
-    replanner.plan([(lever,) for lever in singles])
+    unknown = [e.lever for e in cell if e.gain is None and not (free and e.lever.is_modelled)]
+    # Where parts are on belts nothing has an estimate: changes of more values come first.
+    unknown.sort(key=lambda lever: -len(lever.values) if lever.is_modelled else 0)
+    unknown = _whole(unknown)
+    if replanner.until is None:
+        together = _together(replanner, estimates, target)[: 1 if target is None else None]
+        singles = [(lever,) for lever in (*free, *unknown)]
+        replanner.plan([*together, *singles], REPLAN.plans)
+        return
+    first = [*free, *unknown][: REPLAN.singles]
+    later = [lever for lever in (*unknown, *free) if lever not in first]
+    for levers in (first, later):
+        replanner.plan([(lever,) for lever in levers])
+        replanner.plan(_together(replanner, estimates, target))
+
+
+def _together(
+    replanner: Replanner, estimates: Sequence[Estimate], target: float | None
+) -> list[tuple[Lever, ...]]:
+    """Select the levers that are planned together: the fewest for a target, then the best of each size."""
     gains: dict[str, float] = {str(e.lever): e.gain for e in estimates if e.gain is not None}
-    gains |= {r.names[0]: r.gain or 0.0 for r in replanner.results}
-    usable = [lever for lever in (*free, *unestimated) if gains.get(str(lever), 0.0) > 0.0]
-    usable.sort(key=lambda lever: -gains[str(lever)])
-    usable = _whole(usable)
+    gains |= {r.names[0]: r.gain or 0.0 for r in replanner.results if len(r.levers) == 1}
+    usable = [
+        e.lever for e in estimates if e.lever.kind != "robot" and gains.get(str(e.lever), 0.0) > 0.0
+    ]
+    usable = _whole(sorted(usable, key=lambda lever: -gains[str(lever)]))
     sets = [
         best
-        for size in range(2, REPLAN.together + 1)
+        for size in range(REPLAN.together, 1, -1)
         if (best := _best(usable, size, gains)) is not None
     ]
-    if target is not None:
-        needed = replanner.schedule.duration - target
-        sets = [*_least(usable, gains, needed), *sets]
-    replanner.plan(sets)
+    needed = 0.0 if target is None else replanner.schedule.duration - target
+    return [*_least(usable, gains, needed), *sets] if needed > 0.0 else sets
 
 
 def _whole(levers: Sequence[Lever]) -> list[Lever]:

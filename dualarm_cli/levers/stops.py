@@ -67,7 +67,11 @@ def estimated_stops(
         Stops in order of their shares, by name and change of the lever.
     """
     kept, documents = KeptPlan(schedule, job), documents_of(tasks)
-    gaining = [e for e in estimates if (e.gain or 0.0) > 0.0 and e.lever.kind != "robot"]
+    gaining = [
+        e
+        for e in estimates
+        if (e.gain or 0.0) > 0.0 and e.lever.kind != "robot" and e.lever.is_number
+    ]
     stops: dict[str, list[PartialLever]] = {}
     for estimate in gaining[: STOPS.sliders]:
         lever = estimate.lever

@@ -12,7 +12,9 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.motion import motion
 from dualarm_cli.motion.motion import realise
+from dualarm_cli.motion.transfers import MotionCache
 from dualarm_cli.planning import decided_plan
 from dualarm_cli.planning.asynchronous import meeting_arms
 from dualarm_cli.planning.asynchronous.own_clock import ClockSteps, Since, leaving_times
@@ -72,6 +74,44 @@ def test_a_delay_makes_the_cycle_longer_where_the_path_says(
                 waits = {**plan.waits, arm: plan.waits.get(arm, 0.0) + DELAY}
                 compare(plans, k, transfer.slack, waits=waits)
     assert min(expected) < 0.7 * DELAY  # some delays are absorbed
+    assert grown == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_late_platform_makes_the_cycle_longer_where_the_path_says(
+    tasks_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In each stage the platform alone is slowed by the factor with which its turn takes DELAY more."""
+    decided: list[Any] = []
+    monkeypatch.setattr(
+        decided_plan, "platform_notes", lambda model, plans: decided.append((model, plans)) or []
+    )
+    job = packing_job(tasks_folder, 6)
+    settings = PlanSettings(effort="quick", blend="none")
+    schedule = plan_without_bound(job, settings, check_collisions=False)
+    model, plans = decided[-1]
+    slow: list[tuple[Any, float]] = []
+    timed = motion._transfers
+
+    def transfers(drive: Any, before: Any, plan: Any) -> Any:
+        for chosen, share in slow:
+            if plan is chosen:
+                speed = np.ones(len(drive.limits.joints))
+                speed[drive.columns["platform"]] = share
+                limits = drive.limits.scaled(speed)
+                drive = dataclasses.replace(drive, limits=limits, cache=MotionCache())
+        return timed(drive, before, plan)
+
+    monkeypatch.setattr(motion, "_transfers", transfers)
+    timing = TIMING_SOLVERS["ruckig"]
+    cache = MotionCache()
+    grown, expected = [], []
+    for piece in critical_path(schedule).pieces:
+        if piece.kind == "turn":
+            slow[:] = [(plans[piece.stage], piece.length / (piece.length + DELAY))]
+            late = realise(model, job, plans, timing, cache)
+            grown.append(late.trajectory.duration - schedule.duration)
+            expected.append(growth(piece.slack))
+    assert min(expected) < 0.5 * DELAY < max(expected)  # some turns end before the arms arrive
     assert grown == pytest.approx(expected, abs=1e-6)
 
 

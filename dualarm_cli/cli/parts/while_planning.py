@@ -259,7 +259,9 @@ class Replanning:
         )
         request = request_of(schedule, self.tasks, case_name(self.tasks))
         with evaluators(1, None, None) as run:
-            (planned,) = Replanner(schedule, request, run, None).plan([parts])
+            replanner = Replanner(schedule, request, run, None)
+            replanner.plan([parts])
+        [planned] = replanner.results
         evaluation = planned.evaluation
         return {
             "status": evaluation.status,

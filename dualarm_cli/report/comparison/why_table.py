@@ -18,30 +18,36 @@ KINDS = ("transfer", "turn", "approach", "dwell", "retract", "return", "path", "
 
 
 def shares_table(document: Mapping[str, Any]) -> Table:
-    """Build the table of the critical path by group and kind."""
+    """Build the table of the critical path by kind and group."""
     time = {(row["group"], row["kind"]): row["time"] for row in document["shares"]}
-    kinds = [kind for kind in KINDS if any(kind == name for _, name in time)]
     groups = list(dict.fromkeys(group for group, _ in time))
     total = document["cycle_time"]
     title = f"critical path of {total:.3f} s [s]"
-    table = Table("", *numbers(*kinds, "sum", "%"), title=escape(title), title_justify="left")
-    for group in groups:
-        cells = [time.get((group, kind), 0.0) for kind in kinds]
-        shown = [f"{cell:.2f}" if cell else "" for cell in cells]
-        share = f"{100.0 * sum(cells) / total:.1f}"
-        table.add_row(escape(group or "none"), *shown, f"{sum(cells):.2f}", share)
+    heads = numbers(*(escape(group or "none") for group in groups), "sum", "%")
+    table = Table("", *heads, title=escape(title), title_justify="left")
+    for kind in (*KINDS, "sum"):
+        cells = [
+            sum(t for (g, k), t in time.items() if g == group and kind in (k, "sum"))
+            for group in groups
+        ]
+        if any(cells):
+            shown = [f"{cell:.2f}" if cell else "" for cell in (*cells, sum(cells))]
+            table.add_row(kind, *shown, f"{100.0 * sum(cells) / total:.1f}")
     return table
 
 
 def levers_table(document: Mapping[str, Any], every: bool = False) -> Table:
     """Build the table of levers, largest gain first."""
     rows = document["levers"]
-    shown = [row for row in rows if every or _is_shown(row)]
+    least = 0.0005 * document["cycle_time"]  # shown as 0.1 %
+    shown = [row for row in rows if every or row["status"] or (row["estimate"] or 0.0) > least]
     planned = sum(bool(row["status"]) for row in shown[MOST_LEVERS:])
     shown = [
         row for k, row in enumerate(shown) if every or row["status"] or k < MOST_LEVERS - planned
     ]
-    title = f"levers: {len(shown)} of {len(rows)}; gain estimated, and re-planned"
+    kinds = {"estimated": "estimate", "re-planned": "gain"}
+    known = [word for word, key in kinds.items() if any(row[key] is not None for row in rows)]
+    title = f"levers: {len(shown)} of {len(rows)}; gain {' and '.join(known) or 'unknown'}"
     heads = numbers("estimate s", "gain s", "%", no_wrap=True)
     table = Table("lever", "change", *heads, title=title, title_justify="left")
     for row in shown:
@@ -59,10 +65,6 @@ def levers_table(document: Mapping[str, Any], every: bool = False) -> Table:
 def _number(value: float | None, digits: int, missing: str = "") -> str:
     """Format a number without a sign before zeros."""
     return missing if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
-
-
-def _is_shown(row: Mapping[str, Any]) -> bool:
-    return bool(row["status"]) or (row["estimate"] or 0.0) > 0.0
 
 
 def combinations_table(document: Mapping[str, Any]) -> Table:
