@@ -12,6 +12,7 @@ from typing import Any
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.source.bundled import robots_folder
 from dualarm_cli.files.source.projects import Project
+from dualarm_cli.files.source.text_source import recorded_reads
 from dualarm_cli.files.source.value_paths import from_pointer, value_at
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.studies.studies import job_documents
@@ -44,7 +45,9 @@ def applied(tasks: Path, values: Mapping[str, Any]) -> AppliedFiles:
     Raises:
         UsageError: a value of another file than task and cell file.
     """
-    project, job = Project.of(tasks), load_job(tasks)
+    project = Project.of(tasks)
+    with recorded_reads() as reads:
+        job = load_job(tasks)
     documents = job_documents(project, tasks, tasks.name)
     names = dict(zip(documents, project.inputs, strict=False))
     by_role: dict[str, dict[str, Any]] = {}
@@ -53,16 +56,18 @@ def applied(tasks: Path, values: Mapping[str, Any]) -> AppliedFiles:
         by_role.setdefault(role, {})[pointer] = value
     if beyond := [role for role in by_role if role not in ("tasks", "cell")]:
         raise UsageError(f"{beyond[0]}: only task and cell file are changed; edit the robot file")
-    places = {name: project.folder / name for name in job.inputs}
+    places = {name: (project.folder / name).absolute() for name in names.values()}
     bundled = robots_folder().resolve()
-    places = {
-        name: place
-        for name, place in places.items()
-        if place.is_file() and not place.resolve().is_relative_to(bundled)
+    # The job's own list of files has no meshes; those that are only shown are read with the page.
+    shown = [mesh.file for mesh in job.cell.robot.visuals]
+    paths = (*map(Path, reads), *shown)
+    own = [path for path in paths if not path.resolve().is_relative_to(bundled)]
+    files = dict.fromkeys(path.absolute() for path in own)
+    top = os.path.commonpath([path.parent for path in files])
+    inside = {
+        name: path.relative_to(top).as_posix() for name, path in places.items() if path in files
     }
-    top = os.path.commonpath([place.parent for place in places.values()])
-    inside = {name: place.relative_to(top).as_posix() for name, place in places.items()}
-    contents = {inside[name]: place.read_bytes() for name, place in places.items()}
+    contents = {path.relative_to(top).as_posix(): path.read_bytes() for path in files}
     difference = ""
     for role, changes in by_role.items():
         document, name = documents[role], inside[names[role]]

@@ -45,7 +45,7 @@ class LeverSizes:
 
 SIZES = LeverSizes()
 CLEARANCE, SKEW, MASS, CARE = "clearance", "skew", "mass of tools and parts", "care"
-BLEND = "blend"
+BLEND, START = "blend", "start"
 UNMODELLED = (CLEARANCE, SKEW, MASS, CARE, BLEND)
 """Levers whose gain is in fewer collisions, smaller torques, corners, or limits of single stages."""
 PLAIN_UNITS = {
@@ -134,8 +134,8 @@ def levers(documents: Mapping[str, Document]) -> list[Lever]:
         *_lengths(documents, places),
         *_dwells(documents, places),
         *_limits(documents, places),
-        *_decisions(documents["tasks"]),
         *_starts(documents),
+        *_decisions(documents["tasks"]),
         *_grasps(documents),
         *(_frames(documents["cell"]) if "cell" in documents else []),
         *_joints(documents),
@@ -255,10 +255,9 @@ def _limits(documents: Mapping[str, Document], places: Mapping[str, list[Loc]]) 
     """Yield levers of speeds, clearance, delays of arms, and masses."""
     caps = [*_named(places, "tasks", "tool_speed"), *_named(places, "cell", "tool_speed")]
     yield from _lever("tool speed", "process", documents, caps, _times(SIZES.faster))
-    speed = documents["tasks"].data.get("speed")
-    if (amount := _amount(speed)) is not None and amount.si < 1.0:
-        share = min(1.0, SIZES.faster * amount.si)
-        yield Lever("speed", f"{amount.shown} to {share:.0%}", "process", {"tasks:/speed": share})
+    amount = _amount(documents["tasks"].data.get("speed"))
+    slowed = [("tasks", ("speed",))] if amount is not None and amount.si < 1.0 else []
+    yield from _lever("speed", "process", documents, slowed, _share(SIZES.faster))
     shares = _named(places, "tasks", "speed", "acceleration")
     careful = [place for place in shares if place[1][0] == "tasks" and len(place[1]) == 3]
     parts = _named(places, "cell", "speed", "acceleration")
@@ -298,7 +297,7 @@ def _decisions(document: Document) -> Iterator[Lever]:
 
 
 def _starts(documents: Mapping[str, Document]) -> Iterator[Lever]:
-    """Yield levers of the posture in which a closed cycle begins and ends."""
+    """Yield levers of the posture in which a closed cycle begins and ends; a free one changes the whole plan."""
     data = documents["tasks"].data
     present = data.get("start", "home")
     postures = [
@@ -307,10 +306,13 @@ def _starts(documents: Mapping[str, Document]) -> Iterator[Lever]:
         if role.startswith("robot") and isinstance(document.data.get("postures"), dict)
         for name in document.data["postures"]
     ]
-    if data.get("return") is True and present != "free":
-        for name in dict.fromkeys((*postures, "free")):
-            if name != present:
-                yield Lever("start", f"{present} to {name}", "process", {"tasks:/start": name})
+    if data.get("return") is not True or present == "free":
+        return
+    yield Lever(START, f"{present} to free", "search", {"tasks:/start": "free"})
+    for name in dict.fromkeys(postures):
+        if name != present:
+            change = f"{present} to {name}"
+            yield Lever("start posture", change, "process", {"tasks:/start": name})
 
 
 def _grasps(documents: Mapping[str, Document]) -> Iterator[Lever]:

@@ -12,7 +12,7 @@ from typing import Any
 from dualarm_cli.evaluation.answers import Run, answers
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.evaluation.store import Store
-from dualarm_cli.levers.changes import Lever
+from dualarm_cli.levers.changes import START, Lever
 from dualarm_cli.levers.estimates import Estimate
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.schedule import Schedule
@@ -34,7 +34,7 @@ class ReplanSettings:
 
     plans: int = 2
     """Number of plans without a limit of time: on two cores they take about as long as the plan did."""
-    singles: int = 3
+    singles: int = 4
     """Number of levers that are planned by themselves before any are planned together."""
     together: int = 3
     """Largest number of levers in a combination; there is one combination of each size."""
@@ -144,12 +144,14 @@ def replan(replanner: Replanner, estimates: Sequence[Estimate], target: float | 
     # Where parts are on belts nothing has an estimate: changes of more values come first.
     unknown.sort(key=lambda lever: -len(lever.values) if lever.is_modelled else 0)
     unknown = _whole(unknown)
+    # Another start takes no longer to plan than the job, and gains more than most numbers.
+    starts = [lever for lever in unknown if lever.name == START]
+    singles = [*starts, *free, *(lever for lever in unknown if lever not in starts)]
     if replanner.until is None:
         together = _together(replanner, estimates, target)[: 1 if target is None else None]
-        singles = [(lever,) for lever in (*free, *unknown)]
-        replanner.plan([*together, *singles], REPLAN.plans)
+        replanner.plan([*together, *((lever,) for lever in singles)], REPLAN.plans)
         return
-    first = [*free, *unknown][: REPLAN.singles]
+    first = singles[: REPLAN.singles]
     later = [lever for lever in (*unknown, *free) if lever not in first]
     for levers in (first, later):
         replanner.plan([(lever,) for lever in levers])

@@ -22,6 +22,7 @@ from dualarm_cli.errors import InputError, UsageError
 from dualarm_cli.evaluation.evaluate import settings_of
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.exporting.whole_files import replace_all
+from dualarm_cli.files.source.bundled import robots_folder
 from dualarm_cli.files.source.overrides import Overrides
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.studies.studies import job_documents
@@ -134,8 +135,7 @@ def test_start_grasps_and_blends_are_levers(cell: Path) -> None:
     ]
     assert len(task.grasps) == 2
     assert not by_name["blend 10 mm to 20 mm"].is_modelled
-    # There are no parts of a posture's name, and none of a cycle that need not close.
-    assert (free.is_number, free.is_modelled) == (False, True)
+    assert (free.is_number, free.is_modelled) == (False, False)
     cell.write_text(text.replace("return: true", ""))
     assert not [one for one in of_file(cell) if one.name == "start"]
 
@@ -371,3 +371,20 @@ def test_another_robot_is_not_applied(tasks_folder: Path) -> None:
     """Its file may be of other cells as well."""
     with pytest.raises(UsageError, match="edit the robot file"):
         applied(tasks_folder / "04_packing" / "tasks.yaml", {"robot:/limits/torso_b1/jerk": 90})
+
+
+def test_a_copy_has_the_meshes_of_its_robot(cell: Path, tmp_path: Path) -> None:
+    """Those that collide and those that are only shown, which the URDF names beside it."""
+    shutil.copytree(robots_folder() / "iiwa7", tmp_path / "iiwa7")
+    tetrahedron = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    urdf, link = tmp_path / "iiwa7" / "iiwa7.urdf", '<link name="link_7">'
+    meshes = ""
+    for kind in ("visual", "collision"):
+        (tmp_path / "iiwa7" / f"{kind}.obj").write_text(tetrahedron)
+        meshes += f"<{kind}><geometry><mesh filename='{kind}.obj'/></geometry></{kind}>"
+    urdf.write_text(urdf.read_text().replace(link, link + meshes))
+    file = cell.with_name("cell.yaml")
+    file.write_text(CELL.replace("robot: iiwa7", "robot: iiwa7/robot.yaml"))
+    names = {"tasks.yaml", "cell.yaml", *(f"iiwa7/{kind}.obj" for kind in ("visual", "collision"))}
+    copied = set(applied(cell, {"tasks:/order": "optimise"}).contents)
+    assert copied == names | {"iiwa7/robot.yaml", "iiwa7/iiwa7.urdf"}

@@ -97,7 +97,10 @@ def _estimated(
     others = (
         e
         for e in estimated_levers(schedule, job, tasks)
-        if e.lever.kind != "robot" and (e.gain or 0.0) > 0.0 and used.isdisjoint(e.lever.values)
+        if e.lever.kind != "robot"
+        and e.lever.is_number
+        and (e.gain or 0.0) > 0.0
+        and used.isdisjoint(e.lever.values)
     )
     return made_by, next(others, None)
 
