@@ -98,6 +98,7 @@ def _estimated(plan: Path, tasks: Path | None) -> tuple[Schedule, Job, Path, lis
     from dualarm_cli.interface import load
     from dualarm_cli.levers.estimates import estimated_levers
     from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.verification.as_done import is_change
     from dualarm_cli.verification.robot_checks import check_robot
 
     schedule = read_schedule(plan)
@@ -111,7 +112,8 @@ def _estimated(plan: Path, tasks: Path | None) -> tuple[Schedule, Job, Path, lis
         raise UsageError(f"{plan}: is of another robot than {file}: {robot.detail}")
     stops = job.stops_by_key()
     for event in schedule.events:
-        if (event.arm, event.task, event.action) not in stops:
+        key = event.arm, event.task, event.action
+        if key not in stops and not is_change(event, job):
             absent = f"{event.task} ({event.action}) of the {event.arm} arm"
             raise UsageError(
                 f"{plan}: is of another job than {file}, which lacks {absent}; name its own: --tasks"

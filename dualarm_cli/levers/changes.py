@@ -88,8 +88,9 @@ class Lever:
         return "tasks:/start" not in self.values
 
     def excludes(self, lever: Lever) -> bool:
-        """Whether both change the same value."""
-        return not self.values.keys().isdisjoint(lever.values)
+        """Whether both change the same value, or one the length of lines and the other what of them is straight."""
+        of_lines = {self.name, lever.name} - {"approach", "retract", "approach and retract"}
+        return of_lines == {"straight"} or not self.values.keys().isdisjoint(lever.values)
 
     def __str__(self) -> str:
         """Name the lever with its change."""

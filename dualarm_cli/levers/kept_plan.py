@@ -30,6 +30,7 @@ from dualarm_cli.stages.plans.source import given_postures, postures
 from dualarm_cli.stages.plans.times import left_with
 from dualarm_cli.stages.sequence_problem import stops_problem
 from dualarm_cli.stages.serving import cell_model
+from dualarm_cli.verification.as_done import job_as_done
 
 LINES = ("approach", "retract")
 
@@ -155,7 +156,7 @@ class KeptPlan:
 
     def _moved_stops(self, job: Job) -> dict[str, list[Stop | None]] | None:
         """Collect each arm's stops of a job at the plan's targets, moved as the job's are."""
-        before, after = self._straight.stops_by_key(), job.stops_by_key()
+        before, after = self._straight.stops_by_key(), self._done(job).stops_by_key()
         rows = max(len(kept) for kept in self.stops.values())
         moved: dict[str, list[Stop | None]] = {}
         for arm, kept in self.stops.items():
@@ -172,7 +173,11 @@ class KeptPlan:
 
     @cached_property
     def _straight(self) -> Job:
-        return BLENDINGS[str(self._setting("blend"))].straight(self.job)
+        return self._done(BLENDINGS[str(self._setting("blend"))].straight(self.job))
+
+    def _done(self, job: Job) -> Job:
+        """Add the tool changes of the plan to a job."""
+        return job_as_done(self.schedule, job) if job.cell.tool_changes else job
 
     def _platform_times(self, model: CellModel, job: Job) -> dict[tuple[object, ...], float]:
         """Compute how long the platform's motions take alone [s], by key of their pieces."""

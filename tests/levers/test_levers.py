@@ -292,10 +292,10 @@ def test_the_command_prints_its_document(
     tasks_folder: Path,
     tmp_path: Path,
 ) -> None:
-    """Estimates only: the parts of the path add up to the cycle; the document is as its schema says."""
+    """Estimates only, with tool changes: the path adds up to the cycle; the document is as its schema says."""
     plan = tmp_path / "plan"
-    shutil.copytree(planned_files("01_first_pick"), plan)
-    tasks = tasks_folder / "01_first_pick" / "tasks.yaml"
+    shutil.copytree(planned_files("14_two_grippers"), plan)
+    tasks = tasks_folder / "14_two_grippers" / "tasks.yaml"
     arguments = ["why", str(plan), "--tasks", str(tasks), "--budget", "0"]
     assert run([*arguments, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -303,6 +303,9 @@ def test_the_command_prints_its_document(
     assert sum(row["time"] for row in document["shares"]) == pytest.approx(document["cycle_time"])
     estimates = [row["estimate"] for row in document["levers"] if row["estimate"] is not None]
     assert estimates == sorted(estimates, reverse=True)
+    by_name = {row["name"]: row["estimate"] for row in document["levers"]}
+    # The left arm changes tools, and decides the cycle: half of 0.12 s at its eight picks and places.
+    assert by_name["gripper"] == pytest.approx(8 * 0.06)
     assert run([*arguments, "-v"]) == 0
     printed = capsys.readouterr().out
     *tables, _, _ = printed.splitlines()
