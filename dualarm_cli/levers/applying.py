@@ -60,9 +60,11 @@ def applied(tasks: Path, values: Mapping[str, Any]) -> AppliedFiles:
     bundled = robots_folder().resolve()
     # The job's own list of files has no meshes; those that are only shown are read with the page.
     shown = [mesh.file for mesh in job.cell.robot.visuals]
-    paths = (*map(Path, reads), *shown)
-    own = [path for path in paths if not path.resolve().is_relative_to(bundled)]
-    files = dict.fromkeys(path.absolute() for path in own)
+    files = dict.fromkeys(
+        path.absolute()
+        for path in (*map(Path, reads), *shown)
+        if not path.resolve().is_relative_to(bundled)
+    )
     top = os.path.commonpath([path.parent for path in files])
     inside = {
         name: path.relative_to(top).as_posix() for name, path in places.items() if path in files

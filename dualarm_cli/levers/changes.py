@@ -72,7 +72,7 @@ class Lever:
     values: Mapping[str, Any]
     """New values, by role and JSON pointer."""
     faster: tuple[str, ...] = ()
-    """Joints with a higher speed limit, which is in no file of the job but the robot's URDF."""
+    """Joints with a higher speed limit, which only the robot's URDF has."""
 
     @property
     def is_modelled(self) -> bool:
@@ -88,7 +88,10 @@ class Lever:
         return "tasks:/start" not in self.values
 
     def excludes(self, lever: Lever) -> bool:
-        """Whether both change the same value, or one the length of lines and the other what of them is straight."""
+        """Whether both change the same value, or the same lines.
+
+        What of a line is straight is no more than its length.
+        """
         of_lines = {self.name, lever.name} - {"approach", "retract", "approach and retract"}
         return of_lines == {"straight"} or not self.values.keys().isdisjoint(lever.values)
 
@@ -298,7 +301,10 @@ def _decisions(document: Document) -> Iterator[Lever]:
 
 
 def _starts(documents: Mapping[str, Document]) -> Iterator[Lever]:
-    """Yield levers of the posture in which a closed cycle begins and ends; a free one changes the whole plan."""
+    """Yield levers of the posture in which a closed cycle begins and ends.
+
+    A free one changes the whole plan.
+    """
     data = documents["tasks"].data
     present = data.get("start", "home")
     postures = [

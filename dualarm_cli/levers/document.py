@@ -123,7 +123,7 @@ def _lever(
 
 
 def best_set(replanned: Sequence[Replanned], required: float | None) -> Replanned | None:
-    """Select what to apply: the fewest levers that meet a budget that the plan misses, else the largest gain.
+    """Select what to apply: the fewest levers that meet a missed budget, else the largest gain.
 
     Another robot is no change of the cell, and is left out.
     """
@@ -193,5 +193,7 @@ def _unknown(replanned: Sequence[Replanned], estimates: Sequence[Estimate]) -> l
     unknown = [e.lever for e in estimates if e.reason == ONLY_PLANNED]
     others = [lever.name for lever in unknown if str(lever) not in planned]
     if others:
-        words.append(f"only a new plan shows the gain, with a longer --budget: {', '.join(others)}")
+        words.append(
+            f"only new plans show what these gain, with --budget '5 min': {', '.join(others)}"
+        )
     return words

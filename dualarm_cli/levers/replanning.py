@@ -33,7 +33,10 @@ class ReplanSettings:
     """Numbers of plans that are re-planned."""
 
     plans: int = 2
-    """Number of plans without a limit of time: on two cores they take about as long as the plan did."""
+    """Number of plans without a limit of time.
+
+    On two cores two take about as long as the plan did.
+    """
     singles: int = 4
     """Number of levers that are planned by themselves before any are planned together."""
     together: int = 3
@@ -92,7 +95,7 @@ class Replanner:
     """All results so far."""
 
     def plan(self, sets: Sequence[tuple[Lever, ...]], most: int | None = None) -> None:
-        """Plan the first sets of levers that are not planned yet, as far as the time allows."""
+        """Plan the first new sets of levers, as far as the time allows."""
         planned = {frozenset(map(str, result.levers)) for result in self.results}
         keys: dict[frozenset[str], tuple[Lever, ...]] = {}
         for levers in sets:
@@ -161,7 +164,7 @@ def replan(replanner: Replanner, estimates: Sequence[Estimate], target: float | 
 def _together(
     replanner: Replanner, estimates: Sequence[Estimate], target: float | None
 ) -> list[tuple[Lever, ...]]:
-    """Select the levers that are planned together: the fewest for a target, then the best of each size."""
+    """Select levers to plan together: the fewest for a target, the best of each size."""
     gains: dict[str, float] = {str(e.lever): e.gain for e in estimates if e.gain is not None}
     gains |= {r.names[0]: r.gain or 0.0 for r in replanner.results if len(r.levers) == 1}
     usable = [

@@ -168,7 +168,7 @@ def test_levers_without_an_estimate_are_named() -> None:
     estimates = [Estimate(lever("a"), None, "parts move"), order]
     belts, orders = sentences(Plan(), None, [], estimates)  # type: ignore[arg-type]
     assert belts == "no lever has an estimate: parts move"
-    assert orders == "only a new plan shows the gain, with a longer --budget: order"
+    assert orders == "only new plans show what these gain, with --budget '5 min': order"
     evaluation = Evaluation("", "planned", cycle_time=9.0)
     replanned = [Replanned((order.lever,), evaluation, 10.0)]
     [_, best] = sentences(Plan(), None, replanned, estimates)  # type: ignore[arg-type]

@@ -46,8 +46,8 @@ def levers_table(document: Mapping[str, Any], every: bool = False) -> Table:
         row for k, row in enumerate(shown) if every or row["status"] or k < MOST_LEVERS - planned
     ]
     kinds = {"estimated": "estimate", "re-planned": "gain"}
-    known = [word for word, key in kinds.items() if any(row[key] is not None for row in rows)]
-    title = f"levers: {len(shown)} of {len(rows)}; gain {' and '.join(known) or 'unknown'}"
+    words = [word for word, key in kinds.items() if any(row[key] is not None for row in rows)]
+    title = f"levers: {len(shown)} of {len(rows)}; gain {' and '.join(words) or 'unknown'}"
     heads = numbers("estimate s", "gain s", "%", no_wrap=True)
     table = Table("lever", "change", *heads, title=title, title_justify="left")
     for row in shown:
