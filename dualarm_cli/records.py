@@ -1,8 +1,8 @@
 """Frozen dataclasses with a fast import.
 
 `dataclasses.dataclass` compiles six functions for each frozen class. With some 450 classes that took a third of the
-planner's import time. Here only `__init__` is compiled, once for all classes that differ only in field names, and all
-classes share the other functions.
+planner's import time. Here only `__init__` is compiled, when a class is first used, and all classes share the other
+functions.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Callable, Sequence, Sized
-from functools import cache
 from importlib import import_module
 from itertools import accumulate
 from operator import attrgetter
@@ -72,7 +71,7 @@ def _frozen(cls: type[T], eq: bool) -> type[T]:
     parameters.eq = eq
     fields = dataclasses.fields(class_)  # type: ignore[arg-type]
     methods: dict[str, Any] = {
-        "__init__": _init(class_, fields),
+        "__init__": _LateInit(class_, fields),
         "__repr__": _repr([f.name for f in fields if f.repr]),
         "__setattr__": _set_attribute,
         "__delattr__": _delete_attribute,
@@ -96,36 +95,38 @@ class _FactoryMarker:
 _FACTORY = _FactoryMarker()
 
 
-def _init(cls: type, fields: Sequence[dataclasses.Field[Any]]) -> Callable[..., None]:
-    """Make `__init__` of a class, which sets its fields and calls `__post_init__` if defined."""
-    has_post_init, module = hasattr(cls, "__post_init__"), vars(sys.modules[cls.__module__])
-    this = "self" if all(f.name != "self" for f in fields) else "__self__"
-    if any(f.default_factory is not dataclasses.MISSING or not f.init for f in fields):
-        init = _compiled(this, fields, has_post_init, module)
-    else:
-        defaults = [f.default for f in fields if f.default is not dataclasses.MISSING]
-        for f in fields[len(fields) - len(defaults) :]:
-            if f.default is dataclasses.MISSING:
+class _LateInit:
+    """`__init__` of a class, which sets its fields and calls `__post_init__` if defined; made at its first use.
+
+    A plan makes objects of a third of all classes.
+    """
+
+    def __init__(self, cls: type, fields: Sequence[dataclasses.Field[Any]]) -> None:
+        """Note the class; the order of defaults is checked at once."""
+        positional = [f for f in fields if f.init and f.kw_only is not True]
+        has_default = False
+        for f in positional:
+            missing = f.default is f.default_factory is dataclasses.MISSING
+            if missing and has_default:
                 raise TypeError(f"non-default argument {f.name!r} follows default argument")
-        template = _positional_init(len(fields), has_post_init)
-        init = _renamed(template, (this, *(f.name for f in fields)), module)
-        init.__defaults__ = tuple(defaults)
-    init.__qualname__ = f"{cls.__qualname__}.__init__"
-    init.__annotations__ = {f.name: f.type for f in fields if f.init} | {"return": None}
-    return init
+            has_default = not missing
+        self.cls, self.fields = cls, fields
+
+    def __get__(self, record: object, owner: type) -> Any:
+        """Make the function, and put it in the place of this descriptor."""
+        init = _compiled(self.cls, self.fields)
+        self.cls.__init__ = init  # type: ignore[misc]
+        return init if record is None else init.__get__(record, owner)
 
 
-def _compiled(
-    this: str, fields: Sequence[dataclasses.Field[Any]], has_post_init: bool, module: dict[str, Any]
-) -> FunctionType:
-    """Compile an `__init__` for fields.
+def _compiled(cls: type, fields: Sequence[dataclasses.Field[Any]]) -> FunctionType:
+    """Compile `__init__` of a class.
 
     Args:
-        this: name of the object's parameter.
+        cls: the class; annotations are looked up in its module.
         fields: fields to set.
-        has_post_init: whether `__post_init__` is called.
-        module: globals of the class's module, in which annotations are looked up.
     """
+    this = "self" if all(f.name != "self" for f in fields) else "__self__"
     constants: dict[str, Any] = {"__set__": object.__setattr__, "__factory__": _FACTORY}
     arguments, lines = [this], []
     for field in fields:
@@ -144,41 +145,16 @@ def _compiled(
             lines.append(f"__set__({this}, {name!r}, {value})")
         elif has_factory:
             lines.append(f"__set__({this}, {name!r}, {default}())")
-    if has_post_init:
+    if hasattr(cls, "__post_init__"):
         lines.append(f"{this}.__post_init__()")
     body = "\n  ".join(lines or ["pass"])
     text = f"def of({', '.join(constants)}):\n def __init__({', '.join(arguments)}):\n  {body}\n return __init__"
     namespace: dict[str, Any] = {}
-    exec(text, module, namespace)
+    exec(text, vars(sys.modules[cls.__module__]), namespace)
     init: FunctionType = namespace["of"](**constants)
+    init.__qualname__ = f"{cls.__qualname__}.__init__"
+    init.__annotations__ = {f.name: f.type for f in fields if f.init} | {"return": None}
     return init
-
-
-@cache
-def _positional_init(count: int, has_post_init: bool) -> FunctionType:
-    """Compile an `__init__` of `count` fields named by position, as a template."""
-    fields = [dataclasses.field() for _ in range(count)]
-    for k, field in enumerate(fields):
-        field.name = f"_{k}"
-    return _compiled("_self", fields, has_post_init, {})
-
-
-def _renamed(
-    template: FunctionType, names: tuple[str, ...], module: dict[str, Any]
-) -> FunctionType:
-    """Rename the arguments and field names of an `__init__`.
-
-    Args:
-        template: function with positional names.
-        names: new names of all arguments.
-        module: globals of the new function.
-    """
-    code = template.__code__
-    named: dict[Any, Any] = dict(zip(code.co_varnames, names, strict=True))
-    renamed = code.replace(
-        co_varnames=names, co_consts=tuple(named.get(x, x) for x in code.co_consts)
-    )
-    return FunctionType(renamed, module, template.__name__, None, template.__closure__)
 
 
 def _repr(names: Sequence[str]) -> Callable[[Any], str]:
