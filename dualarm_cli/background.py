@@ -88,19 +88,20 @@ class BackgroundCall(Generic[T]):
     so that errors are raised here.
     """
 
-    def __init__(self, function: Callable[[], T]) -> None:
+    def __init__(self, function: Callable[[], T], *, is_long: bool = True) -> None:
         """Prepare the call.
 
         Args:
             function: function without side effects, whose result can be pickled.
+            is_long: whether it takes longer than a worker, which costs about 20 ms.
         """
-        self.function = function
+        self.function, self._is_long = function, is_long
         self._child: int | None = None
         self._pipe: int | None = None
 
     def __enter__(self) -> BackgroundCall[T]:
         """Start the worker."""
-        if not (_workers_allowed.get() and IS_LINUX):
+        if not (self._is_long and _workers_allowed.get() and IS_LINUX):
             return self
         _reap(os.WNOHANG)
         # A signal in between would leave an orphaned worker, or one that continues as this process.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import coal
 import numpy as np
@@ -88,7 +89,24 @@ def link_solids(model: pin.Model, robot: Robot) -> list[Solid]:
         model: model of the robot's URDF.
         robot: robot, whose URDF has primitive shapes only.
     """
-    geometry_model = pin.buildGeomFromUrdfString(model, robot.urdf, pin.GeometryType.COLLISION)
+    solids = [*_primitive_solids(robot.urdf, tuple(model.names))]
+    for name, shapes in robot.meshes.items():
+        link = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+        solids += [shape_solid(name, link.parentJoint, link.placement, shape) for shape in shapes]
+    return solids
+
+
+@lru_cache(maxsize=2)
+def _primitive_solids(urdf: str, joints: tuple[str, ...]) -> tuple[Solid, ...]:
+    """Build the primitive shapes of a URDF's links, which a plan needs some twenty times.
+
+    Args:
+        urdf: the URDF.
+        joints: names of its model's joints, the universe first.
+    """
+    model = pin.buildModelFromXML(urdf)
+    numbers = [joints.index(name) for name in model.names]
+    geometry_model = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION)
     by_link: dict[int, list[pin.GeometryObject]] = {}
     for entry in geometry_model.geometryObjects:
         by_link.setdefault(entry.parentFrame, []).append(entry)
@@ -96,11 +114,9 @@ def link_solids(model: pin.Model, robot: Robot) -> list[Solid]:
     for frame, entries in by_link.items():
         name = model.frames[frame].name
         for entry in _with_capsules(entries):
-            solids.append(_solid(name, entry.parentJoint, entry.placement, entry.geometry))
-    for name, shapes in robot.meshes.items():
-        link = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        solids += [shape_solid(name, link.parentJoint, link.placement, shape) for shape in shapes]
-    return solids
+            joint = numbers[entry.parentJoint]
+            solids.append(_solid(name, joint, entry.placement, entry.geometry))
+    return tuple(solids)
 
 
 def _with_capsules(entries: Sequence[pin.GeometryObject]) -> list[pin.GeometryObject]:

@@ -44,10 +44,10 @@ class LineSettings:
     """Largest deviation from a line [m, rad], half of the verified tolerance."""
     knots: tuple[int, ...] = (12, 24, 48, 96, 192, 384)
     """Numbers of knots, tried in order until the tool is within tolerance."""
-    shared: int = 16
+    shared: int = 48
     """Number of lines from which two processes time them.
 
-    Starting a process takes as long as timing a few lines.
+    Starting a process takes as long as timing twenty lines.
     """
 
 

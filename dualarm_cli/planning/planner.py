@@ -60,8 +60,12 @@ def _with_bound(
     bound = JobBound(job, work.closed_forms, work.kinds, settings.effort, work.blending)
     notes: list[str] = []
     with (
-        BackgroundCall(bound.value if is_bounded else lambda: LowerBound(None, ())) as bounding,
-        BackgroundCall(lambda: _of_less_effort(work)) as background,
+        BackgroundCall(
+            bound.value if is_bounded else lambda: LowerBound(None, ()), is_long=is_bounded
+        ) as bounding,
+        BackgroundCall(
+            lambda: _of_less_effort(work), is_long=bool(_less_efforts(work))
+        ) as background,
     ):
         try:
             schedule = _planned(work, watch)

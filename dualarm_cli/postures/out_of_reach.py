@@ -6,6 +6,8 @@ moves within it is added. Without a proof the question stays open.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
@@ -47,6 +49,8 @@ def out_of_reach(
     names = point_names(stop)
     for moved, gap in _platform_moves(model, position):
         flanges = moved_flanges(stop, model.platform, moved)
+        if _are_reached(stop, flanges, slack):
+            break
         verdicts = [_all_beyond_reach(model, stop, flange, gap, slack, turn) for flange in flanges]
         for name, is_beyond, number in zip(names, verdicts, range(len(names)), strict=True):
             if is_beyond:
@@ -101,6 +105,29 @@ def _has_further_yaws(stop: StopProblem) -> bool:
     return stop.free_yaw or len(stop.yaw) > POSTURES.scan_yaws
 
 
+def _are_reached(
+    stop: StopProblem, flanges: Sequence[tuple[FloatArray, FloatArray]], slack: float
+) -> bool:
+    """Return whether every point may be reached from the middle of its platform positions.
+
+    Nearly every stop is.
+
+    Args:
+        stop: the stop.
+        flanges: rotations and positions by point, see `_all_beyond_reach`.
+        slack: allowed distance of the tool [m].
+    """
+    middles = []
+    for R, p in flanges:
+        within_slack = np.argwhere(stop.arm.reach_miss(R, p) <= slack)
+        if not len(within_slack):
+            return False
+        a, y = within_slack[len(within_slack) // 2]
+        middles.append((R[a, y], p[a, y]))
+    rotations, positions = map(np.array, zip(*middles, strict=True))
+    return bool(stop.arm.may_bend(rotations, positions, *np.zeros((2, len(middles)))).all())
+
+
 def _all_beyond_reach(
     model: CellModel,
     stop: StopProblem,
@@ -125,12 +152,9 @@ def _all_beyond_reach(
     arm = stop.arm
     point, miss = arm.fixed_point(R, p), arm.reach_miss(R, p)
     within_slack = np.argwhere(miss <= slack)
-    # From the middle of the platform positions nearly every stop is reached; the others follow only if it is not.
-    middle = within_slack[len(within_slack) // 2 :][:1]
-    for poses in (middle, within_slack[:: 1 + len(within_slack) // POSTURES.proof_poses]):
-        a, y = poses.T
-        if arm.may_bend(R[a, y], p[a, y], *np.zeros((2, len(a)))).any():
-            return False
+    a, y = within_slack[:: 1 + len(within_slack) // POSTURES.proof_poses].T
+    if arm.may_bend(R[a, y], p[a, y], *np.zeros((2, len(a)))).any():
+        return False
     moved = np.full(miss.shape, slack)
     if _has_further_yaws(stop):
         # Between two turns the point moves along a circle about the axis of the tool at the target.
