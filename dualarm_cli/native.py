@@ -103,9 +103,9 @@ class _ArrayInterface(ctypes.Structure):
     )
 
 
-_interface = ctypes.PYFUNCTYPE(
-    ctypes.POINTER(_ArrayInterface), ctypes.py_object, ctypes.c_char_p
-)(("PyCapsule_GetPointer", ctypes.pythonapi))
+_interface = ctypes.PYFUNCTYPE(ctypes.POINTER(_ArrayInterface), ctypes.py_object, ctypes.c_char_p)(
+    ("PyCapsule_GetPointer", ctypes.pythonapi)
+)
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:

@@ -6,6 +6,7 @@ activity. `dualarm plan --watch` plans again whenever a file of the job changes,
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -201,9 +202,12 @@ def keep_planning(tasks: Path, page: Path, plan: Callable[[], None], open_page: 
         webbrowser.open(live.link)
     try:
         while True:
-            files = _inputs(file, files)
-            seen = stamps(files)
-            _plan_once(live, page, plan)
+            files |= {path for path in file.parent.iterdir() if path.suffix.lower() in KINDS}
+            seen, begin = stamps(files), time.time_ns()
+            named = _inputs(file, page.parent, _plan_once(live, page, plan)) - files
+            # Files that only the job names count as changed if they were saved while it was planned.
+            seen |= {path: stamp for path, stamp in stamps(named).items() if stamp[0] < begin}
+            files |= named
             while stamps(files) == seen:
                 time.sleep(PAUSE)
             while (now := stamps(files)) != seen:
@@ -281,24 +285,24 @@ def stamps(files: Collection[Path]) -> dict[Path, tuple[int, int]]:
     return stamps
 
 
-def _inputs(tasks: Path, previous: frozenset[Path]) -> frozenset[Path]:
-    """List the files of a job and those next to its task file.
-
-    While the job cannot be read, the previous files stay in the list.
-    """
+def _inputs(tasks: Path, folder: Path, is_planned: bool) -> frozenset[Path]:
+    """List the files of a job: those of its new plan, so that they are read once, else as far as they can be read."""
     from dualarm_cli.files.source.projects import Project
     from dualarm_cli.files.tasks.tasks import load_job
 
-    neighbours = {path for path in tasks.parent.iterdir() if path.suffix.lower() in KINDS}
     try:
-        names = load_job(tasks).inputs
-    except DualArmError:
-        return previous | neighbours
-    return frozenset(neighbours | {Project.of(tasks).folder / name for name in names})
+        if is_planned:
+            schedule = json.loads((folder / "schedule.json").read_bytes())
+            names = schedule["provenance"]["inputs"]
+        else:
+            names = load_job(tasks).inputs
+    except (DualArmError, OSError, LookupError, TypeError, ValueError):
+        return frozenset()
+    return frozenset(Project.of(tasks).folder / name for name in names)
 
 
-def _plan_once(live: LivePage, page: Path, plan: Callable[[], None]) -> None:
-    """Plan, and show the plan's page or the error."""
+def _plan_once(live: LivePage, page: Path, plan: Callable[[], None]) -> bool:
+    """Plan, and show the plan's page or the error; returns whether there is a plan."""
     from dualarm_cli.files.source.diagnostics import error_text
 
     try:
@@ -309,5 +313,6 @@ def _plan_once(live: LivePage, page: Path, plan: Callable[[], None]) -> None:
         text = error_text(error)
         print_message(text)
         live.show_text("No plan", text, "This page reloads when a file of the job changes.")
-        return
+        return False
     live.show(page.read_bytes())
+    return True
