@@ -155,11 +155,12 @@ def quickest_pair(
             lines = times[0][i] + times[1][j]
             if lines + platform >= limit:
                 return np.inf
-            # Pairs that are slower than the best one are not evaluated again, because the best one only improves.
             least[i, j] = lines + transfer.duration(before.rates[i], after.rates[j], limit - lines)
         return least[i, j]
 
     best, pair = least[0, 0], (REST, REST)
+    # The best pair only improves: a pair that was not better never is.
+    tried = set(STARTS)
     for start in STARTS:
         if (total := time(start, best)) < best:
             best, pair = total, start
@@ -169,6 +170,9 @@ def quickest_pair(
             moved = False
             for step, other_step in _moves(*width):
                 candidate = _moved(pair[0], step), _moved(pair[1], other_step)
+                if candidate in tried:
+                    continue
+                tried.add(candidate)
                 if (total := time(candidate, best)) < best - ENDS.less:
                     best, pair, moved = total, candidate, True
     return before.index(*pair[0]), after.index(*pair[1]), best

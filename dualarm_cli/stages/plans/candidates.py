@@ -168,8 +168,10 @@ def bulges(steps: FloatArray) -> FloatArray:
     """
     second = np.abs(np.diff(steps, axis=1))
     second[:, MIDDLE - 1] = 0.0
-    around = np.pad(second, ((0, 0), (2, 2), (0, 0)))
-    widest: FloatArray = np.maximum(np.maximum(around[:, :-2], around[:, 1:-1]), around[:, 2:])
+    widest = np.zeros((len(steps), steps.shape[1] + 1, steps.shape[2]))
+    for first in range(3):
+        around = widest[:, first : first + second.shape[1]]
+        np.maximum(around, second, out=around)
     return 0.14 * widest
 
 

@@ -146,13 +146,11 @@ class _LinearisedPlan:
             here[0] = 0.0
         before = np.where(came[:, None] >= 0, self._columns(a, came), -1)
         columns = np.column_stack([self._columns(a, k), before])
-        moves = (
-            [] if problem.platform_law is None else [self._platform_move(problem.platform_law, k)]
-        )
-        for joint in range(problem.arms[a].joints):
-            values = np.column_stack([here[:, joint], there[:, joint]])
-            moves.append((columns, values, time[:, joint]))
-        longest = np.max([move[2] for move in moves], axis=0)
+        longest = time.max(axis=1)
+        platform = None
+        if problem.platform_law is not None:
+            platform = self._platform_move(problem.platform_law, k)
+            longest = np.maximum(longest, platform[2])
         lines, dwell = self._line_columns(a, k), self.problem.arms[a].stop_table.dwell[k]
         if len(problem.handover_stages):
             # In a hand-over the other arm's lines and dwell count as well.
@@ -160,10 +158,16 @@ class _LinearisedPlan:
             theirs = np.where(met[:, None], self._line_columns(other_arm, k), -1)
             lines = np.column_stack([lines, theirs])
             dwell = dwell + np.where(met, self.problem.arms[other_arm].stop_table.dwell[k], 0.0)
-        for columns, values, time in moves:
-            columns = np.column_stack([columns, lines])
+        if platform is not None:
+            of_platform, values, turn = platform
+            of_platform = np.column_stack([of_platform, lines])
             values = np.column_stack([values, np.ones(lines.shape)])
-            self._add(columns, values, time + dwell, k, time >= self.near_critical * longest)
+            watched = turn >= self.near_critical * longest
+            self._add(of_platform, values, turn + dwell, k, watched)
+        joint, row = np.nonzero(time.T >= self.near_critical * longest)
+        columns = np.column_stack([columns, lines])[row]
+        values = [here[row, joint], there[row, joint], np.ones((len(row), lines.shape[1]))]
+        self._add(columns, np.column_stack(values), time[row, joint] + dwell[row], k[row])
 
     def _transfer_slopes(self, a: int, chain: TransferChain) -> tuple[FloatArray, FloatArray]:
         """Time an arm's joints on its transfers, with slopes by their displacements.
@@ -208,14 +212,13 @@ class _LinearisedPlan:
             watched = (time[k] >= self.near_critical * time[k].max(axis=1, keepdims=True)) & (
                 time[k] > 0
             )
-            for joint in range(work.joints):
-                used = watched[:, joint]
-                self.rows.add(
-                    np.column_stack([columns, lines[:, end]])[used],
-                    np.column_stack([rate[k, joint], -np.ones(len(k))])[used],
-                    -time[k, joint][used],
-                    k[used],
-                )
+            joint, row = np.nonzero(watched.T)
+            self.rows.add(
+                np.column_stack([columns, lines[:, end]])[row],
+                np.column_stack([rate[k[row], joint], -np.ones(len(row))]),
+                -time[k[row], joint],
+                k[row],
+            )
 
     def add_return(self) -> None:
         """Append the rows of the return: every slow joint and the platform."""
@@ -258,14 +261,11 @@ class _LinearisedPlan:
             (postures.q_retract, rates.q_retract),
         ):
             swing = np.abs(rate[k]).sum(axis=2) * radius[k, None]
-            for joint in range(work.joints):
-                for sign, limit in ((1.0, work.limits.upper), (-1.0, work.limits.lower)):
-                    room = sign * (limit[joint] - q[k, joint]) - 1e-6  # for rounding
-                    near = room < swing[:, joint]
-                    if near.any():
-                        values = sign * rate[k, joint]
-                        bound = np.maximum(room[near], 0.0)
-                        self.rows.add(columns[near], values[near], bound, k[near])
+            room = np.stack([work.limits.upper - q[k], q[k] - work.limits.lower]) - 1e-6  # rounding
+            joint, side, row = np.nonzero((room < swing).transpose(2, 0, 1))
+            values = (1.0 - 2.0 * side)[:, None] * rate[k[row], joint]
+            bound = np.maximum(room[side, row, joint], 0.0)
+            self.rows.add(columns[row], values, bound, k[row])
 
     def _columns(self, a: int, stages: IntArray) -> IntArray:
         """Return the columns of (platform angle, FIELDS) in given stages, shape (m, 5)."""
@@ -282,12 +282,13 @@ class _LinearisedPlan:
         values: FloatArray,
         now: FloatArray,
         stage: IntArray,
-        watched: BoolArray,
+        watched: BoolArray | None = None,
     ) -> None:
-        """Append now + values @ step <= stage duration for selected rows."""
+        """Append now + values @ step <= stage duration for selected rows, or for all."""
         columns = np.column_stack([columns, self.variables.count + stage])
         values = np.column_stack([values, np.full(len(stage), -1.0)])
-        self.rows.add(columns[watched], values[watched], -now[watched], stage[watched])
+        rows = slice(None) if watched is None else watched
+        self.rows.add(columns[rows], values[rows], -now[rows], stage[rows])
 
 
 def linear_step(
