@@ -164,7 +164,7 @@ class _LinearisedPlan:
             values = np.column_stack([values, np.ones(lines.shape)])
             watched = turn >= self.near_critical * longest
             self._add(of_platform, values, turn + dwell, k, watched)
-        joint, row = np.nonzero(time.T >= self.near_critical * longest)
+        joint, row = np.nonzero(self.near_critical * longest <= time.T)
         columns = np.column_stack([columns, lines])[row]
         values = [here[row, joint], there[row, joint], np.ones((len(row), lines.shape[1]))]
         self._add(columns, np.column_stack(values), time[row, joint] + dwell[row], k[row])
