@@ -34,4 +34,5 @@ def norm(x: ArrayLike, axis: int | tuple[int, ...] | None = None, keepdims: bool
     """Compute Euclidean lengths along axes, or of all numbers together."""
     values = np.asarray(x, dtype=np.float64)
     # `np.sum` without its own overhead, which is more than the sum of a few numbers.
-    return np.sqrt(np.add.reduce(values * values, axis=axis, keepdims=keepdims))
+    total: Any = np.add.reduce(values * values, axis=axis, keepdims=keepdims)  # type: ignore[call-overload]
+    return np.sqrt(total)

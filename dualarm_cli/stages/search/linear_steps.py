@@ -166,8 +166,9 @@ class _LinearisedPlan:
             self._add(of_platform, values, turn + dwell, k, watched)
         joint, row = np.nonzero(self.near_critical * longest <= time.T)
         columns = np.column_stack([columns, lines])[row]
-        values = [here[row, joint], there[row, joint], np.ones((len(row), lines.shape[1]))]
-        self._add(columns, np.column_stack(values), time[row, joint] + dwell[row], k[row])
+        ones = np.ones((len(row), lines.shape[1]))
+        values = np.column_stack([here[row, joint], there[row, joint], ones])
+        self._add(columns, values, time[row, joint] + dwell[row], k[row])
 
     def _transfer_slopes(self, a: int, chain: TransferChain) -> tuple[FloatArray, FloatArray]:
         """Time an arm's joints on its transfers, with slopes by their displacements.
