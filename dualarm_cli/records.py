@@ -96,9 +96,9 @@ _FACTORY = _FactoryMarker()
 
 
 class _LateInit:
-    """`__init__` of a class, which sets its fields and calls `__post_init__` if defined; made at its first use.
+    """Descriptor that compiles `__init__` of a class at its first use.
 
-    A plan makes objects of a third of all classes.
+    It sets the fields and calls `__post_init__` if defined. A plan makes objects of a third of all classes.
     """
 
     def __init__(self, cls: type, fields: Sequence[dataclasses.Field[Any]]) -> None:

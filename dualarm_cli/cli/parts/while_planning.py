@@ -286,7 +286,10 @@ def stamps(files: Collection[Path]) -> dict[Path, tuple[int, int]]:
 
 
 def _inputs(tasks: Path, folder: Path, is_planned: bool) -> frozenset[Path]:
-    """List the files of a job: those of its new plan, so that they are read once, else as far as they can be read."""
+    """List the files of a job: those of its new plan, or those that can be read.
+
+    The files of a plan are not read a second time.
+    """
     from dualarm_cli.files.source.projects import Project
     from dualarm_cli.files.tasks.tasks import load_job
 
