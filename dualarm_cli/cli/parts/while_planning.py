@@ -286,7 +286,7 @@ def stamps(files: Collection[Path]) -> dict[Path, tuple[int, int]]:
 
 
 def _inputs(tasks: Path, folder: Path, is_planned: bool) -> frozenset[Path]:
-    """List the files of a job: those of its new plan, or those that can be read.
+    """List the files of a job, from its new plan if possible.
 
     The files of a plan are not read a second time.
     """
