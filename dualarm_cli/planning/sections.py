@@ -77,7 +77,10 @@ class SectionPlanner(SectionTools):
             if kind is None or kind.add is None:
                 planner._add_stops(record, section, position)
             else:
-                kind.add(planner, record, section, position, after)
+                # The limits of a path or seam hold for the motion to it as well.
+                slowed = replace(planner.problem, job=section[0].care.over(planner.problem.job))
+                tools = replace(planner, problem=slowed)
+                kind.add(tools, record, section, position, after)
             planner = replace(planner, done=(*planner.done, *section))
             position = record.end
         first = record.begin

@@ -127,6 +127,23 @@ def test_half_speed_takes_twice_as_long_and_a_cap_binds(tmp_path: Path) -> None:
     length = 0.16 + np.pi * 0.05
     assert capped.duration == pytest.approx(length / 0.075 + 0.3, rel=1e-3)
     assert any("limit of the tools' speed" in note for note in capped.notes)
+    # Limits of the task hold for the motion to its path as well.
+    for start, key, whole in (
+        ("home", "speed: 50%", None),
+        ("free", "tool_speed: 75 mm/s", capped),
+    ):
+        careful = WIPE.replace("    path:", f"    {key}\n    path:")
+        schedule = planned(job_of(tmp_path, careful, head=f"start: {start}\n"))
+        whole = whole or planned(job_of(tmp_path, WIPE, head=f"start: {start}\n{key}\n"))
+        assert schedule.duration == whole.duration
+        [care] = [
+            check
+            for check in verify(
+                schedule, job_of(tmp_path, careful, head=f"start: {start}\n")
+            ).checks
+            if check.name == "care"
+        ]
+        assert care.verdict == "passed" and care.measured > 0.99
 
 
 def test_a_path_too_fast_is_refused_with_time_place_and_joint_or_slowed(tmp_path: Path) -> None:

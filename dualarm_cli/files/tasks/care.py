@@ -93,7 +93,9 @@ def _faults(
     picked = section.pick is not None and section.place is not None
     if not picked and section.move is None:
         for key in given:
-            yield key, "only picks, places, hand-overs and moves keep it; remove it", NOT_AVAILABLE
+            if key not in ("speed", "tool_speed"):
+                message = "paths and seams keep speed and tool_speed only; remove it"
+                yield key, message, NOT_AVAILABLE
         return
     slowing = [key for key in KEYS if key in given or getattr(holding, key) < getattr(NO_CARE, key)]
     belts = any(stop.moves for task in shares for stop in task.stops)

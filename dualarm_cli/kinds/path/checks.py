@@ -88,7 +88,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         work = section[0].path
         if work is None:
             continue
-        motions = {}
+        motions, paced = {}, section[0].care.over(job)
         work = followed_work(schedule, model, work, section[0].id)
         for task in section:
             segments = _segments(schedule, task.arm, task.id)
@@ -110,7 +110,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             _add(distance, along.distance / work.tolerance, along.time, place)
             _add(angle, along.angle * TURN_LENGTH / work.tolerance, along.time, place)
             _add(progress, _progress_errors(along.length, path.length), along.time, place)
-            allowed = work.speed * job.speed * path.length / work.length
+            allowed = work.speed * paced.speed * path.length / work.length
             # Over a short while: within its tolerance the tool may be a little ahead or behind.
             window = min(SPEED_WINDOW, float(along.time[-1] - along.time[0]))
             ahead = np.interp(along.time + window, along.time, along.length)
@@ -119,7 +119,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
                 _add_corners(corners, schedule, model, segment, work)
             _add(speed, rate / allowed - 1.0, along.time, place)
             if not work.slower:
-                slow.add(_excess_time(job, work, segment), place)
+                slow.add(_excess_time(paced, work, segment), place)
         if len(motions) == 2:
             fractions = [_fraction(motions[arm], work, arm) for arm in motions]
             first, second = motions.values()

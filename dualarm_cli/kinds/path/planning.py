@@ -112,10 +112,11 @@ def check_paths(job: Job) -> list[Diagnostic]:
         if task.path is None:
             continue
         place, length = task.path.place, task.path.length
-        least = length / (task.path.speed * job.speed)
+        speed = task.path.speed * task.care.over(job).speed
+        least = length / speed
         if least > TRIALS.longest:
             message = (
-                f"{length * 1e3:.4g} mm at {task.path.speed * job.speed * 1e3:.4g} mm/s take {least:.4g} s, but at "
+                f"{length * 1e3:.4g} mm at {speed * 1e3:.4g} mm/s take {least:.4g} s, but at "
                 f"most {TRIALS.longest:g} s are planned; raise the speed"
             )
             about = {"task": task.id, "value": least, "allowed": TRIALS.longest}
@@ -276,7 +277,7 @@ def least_time(job: Job, section: Section) -> float:
     """Compute a path's least duration [s]: its length at the requested speed."""
     work = section[0].path
     assert work is not None
-    return work.length / (work.speed * job.speed)
+    return work.length / (work.speed * section[0].care.over(job).speed)
 
 
 PLANNING = KindPlanning(

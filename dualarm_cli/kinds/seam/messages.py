@@ -62,6 +62,7 @@ def seam_faults(job: Job) -> list[Diagnostic]:
         work = task.seam
         if work is None:
             continue
+        speed = task.care.over(job).speed
         place = (work.place.file, work.place.line, work.place.column, "E300")
         if work.method is not None and work.method not in SEAM_SOLVERS.names:
             names = ", ".join(SEAM_SOLVERS.names)
@@ -69,14 +70,14 @@ def seam_faults(job: Job) -> list[Diagnostic]:
             message = f"method: no method '{work.method}' works seams{hint}; known: {names}"
             findings.append(Diagnostic(*place, message))
         entry = work.entry_duration
-        if entry is not None and entry / job.speed < work.dwell_start - SAME_TIME:
+        if entry is not None and entry / speed < work.dwell_start - SAME_TIME:
             message = (
-                f"entry: the dwell of {work.dwell_start:g} s does not fit into {entry / job.speed:g} s, the entry's "
+                f"entry: the dwell of {work.dwell_start:g} s does not fit into {entry / speed:g} s, the entry's "
                 "duration; raise or remove the duration, or shorten the dwell"
             )
-            about = {"task": task.id, "value": entry / job.speed, "allowed": work.dwell_start}
+            about = {"task": task.id, "value": entry / speed, "allowed": work.dwell_start}
             findings.append(Diagnostic(*place, message, about=about))
-        least = seam_bound(work, job.speed)
+        least = seam_bound(work, speed)
         if least > LONGEST:
             message = (
                 f"the seam takes {least:.4g} s; at most {LONGEST:g} s are planned: raise the speed"

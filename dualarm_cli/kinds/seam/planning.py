@@ -155,14 +155,16 @@ def least_entry(job: Job, section: Section) -> float:
     """Return the entry's duration without the dwell at its end [s], or 0."""
     work = section[0].seam
     assert work is not None
-    return max(0.0, (work.entry_duration or 0.0) / job.speed - work.dwell_start)
+    return max(
+        0.0, (work.entry_duration or 0.0) / section[0].care.over(job).speed - work.dwell_start
+    )
 
 
 def least_time(job: Job, section: Section) -> float:
     """Compute the lower bound on a seam's duration [s]."""
     work = section[0].seam
     assert work is not None
-    return seam_bound(work, job.speed)
+    return seam_bound(work, section[0].care.over(job).speed)
 
 
 PLANNING = KindPlanning(
