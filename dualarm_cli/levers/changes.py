@@ -49,9 +49,7 @@ BLEND, START = "blend", "start"
 UNMODELLED = (CLEARANCE, SKEW, MASS, CARE, BLEND)
 """Levers whose gain is in fewer collisions, smaller torques, corners, or limits of single stages."""
 PLAIN_UNITS = {
-    **dict.fromkeys(
-        ("approach", "retract", "distance", "straight", "blend", "clearance"), "m"
-    ),
+    **dict.fromkeys(("approach", "retract", "distance", "straight", "blend", "clearance"), "m"),
     **dict.fromkeys(("dwell", "gripper", "settle", "handshake", "skew"), "s"),
     "tool_speed": "m/s",
     "mass": "kg",
@@ -406,10 +404,19 @@ def _joints(documents: Mapping[str, Document]) -> Iterator[Lever]:
         joints = [platform] if isinstance(platform, str) else platform or []
         turning = [place for joint in joints for place in by_joint.get(joint, [])]
         yield from _lever("acceleration of the platform", "robot", documents, turning, faster)
-        side = role.partition(".")[2]
         for joint, places in by_joint.items():
             if joint not in joints:
-                prefix = f"{side}_" if side and not joint.startswith(f"{side}_") else ""
-                name = f"acceleration of {prefix}{joint}"
+                name = f"acceleration of {joint_name(role, joint)}"
                 yield from _lever(name, "robot", documents, places, faster)
     yield from _lever("acceleration of all joints", "robot", documents, every, faster)
+
+
+def joint_name(role: str, joint: str) -> str:
+    """Name a joint of a robot file as the robot of the cell has it.
+
+    Args:
+        role: of the file: `robot`, or `robot.left` and `robot.right` of a pair.
+        joint: its name in the file.
+    """
+    side = role.partition(".")[2]
+    return f"{side}_{joint}" if side and not joint.startswith(f"{side}_") else joint

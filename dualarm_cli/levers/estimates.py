@@ -18,6 +18,7 @@ from dualarm_cli.levers.changes import (
     SIZES,
     Lever,
     documents_of,
+    joint_name,
     joint_speeds,
     levers,
 )
@@ -99,22 +100,36 @@ def _matters(lever: Lever, schedule: Schedule, job: Job) -> bool:
 
 def lengths_under(kept: KeptPlan, lever: Lever, tasks: Path) -> np.ndarray | str:
     """Estimate the times of the plan's pieces under a lever, or return the reason against."""
-    changed = load_job(tasks, tasks.name, lever.values) if lever.values else kept.job
+    is_robot = lever.kind == "robot"
+    changed = (
+        with_raised_limits(kept.job, lever)
+        if is_robot
+        else load_job(tasks, tasks.name, lever.values)
+    )
     if not lever.is_modelled:
         return ONLY_PLANNED
     if not kept.is_modelled:
         return "parts on belts are met at other times then"
-    lengths = kept.lengths(_with_speeds(changed, lever.faster))
+    lengths = kept.lengths(changed)
     return "a posture of the plan is out of reach then" if lengths is None else lengths
 
 
-def _with_speeds(job: Job, joints: Sequence[str]) -> Job:
-    """Raise the speed limits of joints."""
-    if not joints:
-        return job
+def with_raised_limits(job: Job, lever: Lever) -> Job:
+    """Raise the limits of joints that a lever changes; reading the robot again would take longer."""
     robot = job.cell.robot
-    factors = np.where(np.isin(robot.joints, joints), SIZES.faster, 1.0)
-    limits = replace(robot.limits, velocity=factors * robot.limits.velocity)
+    raised = {(joint, "velocity") for joint in lever.faster}
+    for key in lever.values:
+        role, _, pointer = key.partition(":")
+        *_, joint, rate = (
+            part.replace("~1", "/").replace("~0", "~") for part in pointer.split("/")
+        )
+        raised.add((joint_name(role, joint), rate))
+    factors = {
+        rate: np.array([SIZES.faster if (name, rate) in raised else 1.0 for name in robot.joints])
+        for rate in ("velocity", "acceleration", "jerk")
+    }
+    rates = {rate: factor * getattr(robot.limits, rate) for rate, factor in factors.items()}
+    limits = replace(robot.limits, **rates)
     return replace(job, cell=replace(job.cell, robot=replace(robot, limits=limits)))
 
 

@@ -30,7 +30,12 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.levers.applying import applied
 from dualarm_cli.levers.changes import Lever, documents_of, levers
 from dualarm_cli.levers.document import best_set, sentences
-from dualarm_cli.levers.estimates import ONLY_PLANNED, Estimate, estimated_levers
+from dualarm_cli.levers.estimates import (
+    ONLY_PLANNED,
+    Estimate,
+    estimated_levers,
+    with_raised_limits,
+)
 from dualarm_cli.levers.replanning import Replanned, Replanner, merged, replan, request_of
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.settings import PlanSettings
@@ -61,6 +66,10 @@ def test_readers_take_every_lever(name: str, tasks_folder: Path) -> None:
             assert (name, lever.name) == ("09_yumi", "mode")  # its path needs paired arms
             continue
         assert pickle.dumps(after) != pickle.dumps(before)
+        if lever.kind == "robot":
+            raised = with_raised_limits(before, lever).limits
+            for rate in ("velocity", "acceleration", "jerk"):
+                assert getattr(raised, rate) == pytest.approx(getattr(after.limits, rate))
 
 
 TASKS = """dualarm: tasks/1
