@@ -218,7 +218,8 @@ def tasks_text(layout: Layout) -> str:
     lines += [
         "return: true           # end where the cycle began",
         f"defaults: {{approach: {line}, retract: {line}, straight: {line}, dwell: 0.15 s, blend: 10 mm}}",
-        "                       # lines to and from each target; `straight`: how much of them must be straight;",
+        "                       # lines to and from each target, along z of the tool or {distance, direction, in};",
+        "                       # `straight`: how much of them must be straight;",
         "                       # `blend`: how far tools may leave targets of moves and corners, so as not to stop",
         "tasks:                 # rpy: [180 deg, 0, 0] points the tool down; free: yaw lets it turn about its own axis",
     ]
