@@ -30,6 +30,7 @@ from dualarm_cli.bound.layers import StopCells, StopWork
 from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import TURN
+from dualarm_cli.model.rest_to_rest import PassingLaw
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
@@ -57,7 +58,7 @@ bound_note = NoteTable(
     no_closed_forms="lower bound: none for arms without closed forms",
     rail="lower bound: none for a platform that slides; frozen at a position (`frozen`) there is one",
     turning_wrists="lower bound: none for arms of six axes on a platform that turns",
-    passed_targets="lower bound: none with `blend` at targets of moves, because tools need not reach them",
+    passed_targets="lower bound: targets of moves with `blend` do not count, because tools need not reach them",
     interrupted="lower bound: none, as its computation was interrupted",
 )
 """Notes on the assumptions of a bound, or on its absence."""
@@ -185,9 +186,11 @@ def lower_bound(
         effort: one of EFFORTS: finer cells give a better bound.
         works: paths and seams among the stages; None for none.
     """
-    value = 0.0
+    value, settings = 0.0, EFFORTS[effort]
+    passes = any(isinstance(arm.law, PassingLaw) for arm in problem.arms)
+    resolution = settings.passing_bound if passes else settings.bound
     if problem.stages:
-        value = _backward(problem, EFFORTS[effort].bound, works or OtherWork.none(problem))
+        value = _backward(problem, resolution, works or OtherWork.none(problem))
     return LowerBound(max(0.0, value * ROUNDED_DOWN), (bound_note("order"),))
 
 

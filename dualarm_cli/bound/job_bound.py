@@ -166,12 +166,12 @@ class JobBound:
 
     def value(self) -> LowerBound:
         """Compute the bound, or the reason for its absence."""
-        stops = [stop for task in self.job.tasks for stop in task.stops]
-        if any(stop.blend > 0.0 and self.blending.passes(stop) for stop in stops):
-            return no_bound(bound_note("passed_targets"))
         if reason := next((kind.unbounded for kind in self.kinds if kind.unbounded), None):
             return no_bound(reason)
         bound = self._of_job(self.blending.straight(self.job))
+        if bound.value is not None and any(map(self._is_passed, self.job.tasks)):
+            notes = (*bound.assumptions, bound_note("passed_targets"))
+            bound = replace(bound, assumptions=notes)
         assumption = self.blending.assumption
         # A bound of paths and seams alone counts no stops.
         has_stops = any(not task.alone for task in self.job.tasks)
@@ -192,10 +192,30 @@ class JobBound:
         if job.mode == "free":
             return self._of_asynchronous_arms(job)
         if not job.in_sections:
-            return self._of_stages(sequence_problem(self.model, job))
+            value = self._of_rows(job, self._rows(job))
+            return LowerBound(value, (bound_note("order"),))
         if unbounded or job.order != "given":
             return self._sum_of_sections(job, stages_count=not unbounded)
         return self._with_other_work(job)
+
+    def _is_passed(self, task: Task) -> bool:
+        """Check that a task is a move whose target the tool passes within `blend`."""
+        return any(stop.blend > 0.0 and self.blending.passes(stop) for stop in task.stops)
+
+    def _rows(self, job: Job) -> list[_Row]:
+        """Make the stages of a decided job, without the targets that tools pass.
+
+        A transfer past such a target counts from the stop before to the next one if no other arm stops in between.
+        Otherwise it may begin in any of these stages, and does not count.
+        """
+        rows, passing = list[_Row](), set[str]()
+        for stage in job.stages():
+            stops = {a: stop for a, (task, stop) in stage.items() if not self._is_passed(task)}
+            passing |= stage.keys() - stops.keys()
+            if stops:
+                rows.append(_Row(stops, moved=tuple(passing - stops.keys())))
+                passing = set()
+        return [*rows, _Row({}, moved=tuple(passing))] if passing else rows
 
     def _of_order(self, job: Job) -> LowerBound:
         """Bound the stages of a decided job."""
@@ -225,7 +245,7 @@ class JobBound:
                 if not task.allows(name):
                     continue
                 times[a, t] = sum(stop.dwell.total for stop in task.stops)
-                if t < MOST_TASKS:
+                if t < MOST_TASKS and not self._is_passed(task):
                     assigned = replace(task, arm=name, after=())
                     alone = replace(
                         job, tasks=(assigned,), start="free", returns=False, pairing=None
@@ -246,7 +266,8 @@ class JobBound:
         """Bound a job whose arms are asynchronous."""
         value = 0.0
         for name in self.model.arms:
-            tasks = tuple(task for task in job.tasks if task.arm == name)
+            arm_tasks = (task for task in job.tasks if task.arm == name)
+            tasks = tuple(task for task in arm_tasks if not self._is_passed(task))
             if tasks:
                 alone = replace(job, tasks=tasks, pairing=None)
                 bound = self._of_order(alone).value
@@ -291,9 +312,7 @@ class JobBound:
                 rows += _other_work(job, section)
             elif (decided := replace(job, tasks=section)).is_decided:
                 assumptions |= {bound_note("order"): None}
-                rows += [
-                    _Row({a: stop for a, (_, stop) in stage.items()}) for stage in decided.stages()
-                ]
+                rows += self._rows(decided)
             else:
                 shared = self.over_all_orders(replace(decided, start="free", returns=False))
                 rows.append(_Row({}, shared.value or 0.0, moved=tuple(self.model.arms)))

@@ -96,8 +96,12 @@ class JointChains(PointerStruct):
 
     _fields_ = (
         *((name, _pointer) for name in ("before", "after", "retract", "approach", "onward")),
+        ("speed", _pointer * 3),
         ("table", _pointer),
+        ("rate", _pointer),
         ("law", _pointer),
+        ("step", ctypes.c_double),
+        ("laws", _int64),
         ("coordinates", _int64),
         ("entries", _int64),
         ("late", ctypes.c_float * 2),
@@ -108,8 +112,9 @@ class JointChains(PointerStruct):
         cls,
         displacements: tuple[NDArray[np.int16] | None, NDArray[np.int16]],
         lines: tuple[tuple[NDArray[np.float32], float], tuple[NDArray[np.float32], float]],
+        speeds: tuple[NDArray[np.float32], ...],
         onward: NDArray[np.float32],
-        laws: tuple[NDArray[np.float32], NDArray[np.int32]],
+        laws: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32], float],
     ) -> JointChains:
         """Build the structure of transfers from n cells to m in c coordinates.
 
@@ -118,16 +123,22 @@ class JointChains(PointerStruct):
                 rises, then falls, in steps; -1 if unknown. None for transfers from any motion.
             lines: least times of retracts, (n,), and approaches, (m,), each with the time beyond these up to which
                 the displacements hold [s].
+            speeds: greatest shares of full speed at the outer ends of the fastest of these lines, (laws, n) and
+                (laws, m), and over the runs of approaches, (laws, runs).
             onward: least time from the target on for each approach [s], (m,).
-            laws: times of motions [s], shape (laws, 5, entries), and law of each coordinate or -1, shape (c,).
+            laws: times of motions [s], shape (laws, 5, entries), accelerations per speed limit [1/s], (laws,), law of
+                each coordinate or -1, shape (c,), and time of a step at full speed [s].
         """
         before, after = displacements
         (retract, *late), (approach, until) = lines
-        held: tuple[NDArray[Any], ...] = after, retract, approach, onward, *laws
+        table, rate, law, step = laws
+        held: tuple[NDArray[Any], ...] = after, retract, approach, onward
         first = None if before is None else pointer(before)
-        sizes = after.shape[1], laws[0].shape[2], (ctypes.c_float * 2)(*late, until)
-        structure = cls(first, *map(pointer, held), *sizes)
-        structure.held = before, held
+        ends = (_pointer * 3)(*map(pointer, speeds))
+        sizes = len(rate), after.shape[1], table.shape[2], (ctypes.c_float * 2)(*late, until)
+        numbers = *map(pointer, (table, rate, law)), step
+        structure = cls(first, *map(pointer, held), ends, *numbers, *sizes)
+        structure.held = before, held, speeds, laws
         return structure
 
 

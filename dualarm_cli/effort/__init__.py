@@ -296,7 +296,12 @@ class EffortSettings:
     search: SearchEffort
     """Effort of the search over the whole sequence."""
     bound: Resolution
-    """Resolution of the lower bound of given stages."""
+    """Resolution of the lower bound of given stages with all stops."""
+    passing_bound: Resolution
+    """Resolution of that bound where tools pass in motion.
+
+    Narrow platform cells gain more than narrow arm angles: all arms share the platform's angle.
+    """
     hopeless_orders: int
     """Number of orders with a collision of an arm alone after which the search ends."""
     section_orders: int
@@ -345,6 +350,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             refined=6,
         ),
         bound=Resolution(step=np.radians(15.0), arm_angles=9, finer=3),
+        passing_bound=Resolution(step=np.radians(12.0), arm_angles=8, finer=3),
         hopeless_orders=2,
         section_orders=2,
         section_starts=1,
@@ -373,6 +379,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             for_few=FINE,
         ),
         bound=Resolution(step=np.radians(7.5), arm_angles=24, finer=2),
+        passing_bound=Resolution(step=np.radians(4.0), arm_angles=14, finer=2),
         hopeless_orders=4,
         section_orders=4,
         section_starts=4,
@@ -413,6 +420,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             spares=False,
         ),
         bound=Resolution(step=np.radians(3.0), arm_angles=60, finer=2),
+        passing_bound=Resolution(step=np.radians(1.5), arm_angles=30, finer=2),
         hopeless_orders=12,
         section_orders=24,
         section_starts=12,

@@ -237,6 +237,30 @@ class PassingLaw(RestToRest):
             result[:, k] = time[step, k] + beyond
         return result
 
+    def reachable_speed(self, duration: FloatArray) -> FloatArray:
+        """Compute the greatest speed of each joint after given times from rest [rad/s].
+
+        Args:
+            duration: times T [s], 0 or more, shape (..., n) or (..., 1).
+        """
+        rise, jerk = self._rise
+        first = np.minimum(duration, rise)
+        speed: FloatArray = np.minimum(
+            0.5 * jerk * np.square(first)
+            + self.rest_law.acceleration * np.maximum(duration - rise, 0.0),
+            self.rest_law.velocity,
+        )
+        return speed
+
+    @cached_property
+    def _rise(self) -> tuple[FloatArray, FloatArray]:
+        """Time in which each joint's acceleration rises from rest [s], and its jerk; 0 without a limit."""
+        v, a, limit = self.rest_law.velocity, self.rest_law.acceleration, self.rest_law.jerk
+        limited = np.isfinite(limit)
+        j = np.where(limited, limit, 1.0)
+        rise = np.where(limited, np.minimum(a / j, np.sqrt(2.0 * v / j)), 0.0)
+        return rise, np.where(limited, limit, 0.0)
+
     def reachable_distance(self, duration: FloatArray) -> FloatArray:
         """Compute the largest rotation of each joint in given times from rest [rad].
 
@@ -244,17 +268,13 @@ class PassingLaw(RestToRest):
             duration: times T [s], 0 or more, shape (..., n) or (..., 1).
         """
         v, a = self.rest_law.velocity, self.rest_law.acceleration
-        limited = np.isfinite(self.rest_law.jerk)
-        j = np.where(limited, self.rest_law.jerk, 1.0)
-        rise = np.where(limited, np.minimum(a / j, np.sqrt(2.0 * v / j)), 0.0)
-        ramp_speed = np.where(limited, j * np.square(rise) / 2.0, 0.0)
+        rise, jerk = self._rise
+        ramp_speed = jerk * np.square(rise) / 2.0
         ramp = np.maximum(v - ramp_speed, 0.0) / a
         first = np.minimum(duration, rise)
         second = np.clip(duration - rise, 0.0, ramp)
         third = np.maximum(duration - rise - ramp, 0.0)
         distance: FloatArray = (
-            np.where(limited, j * cube(first) / 6.0, 0.0)
-            + second * (ramp_speed + a * second / 2.0)
-            + v * third
+            jerk * cube(first) / 6.0 + second * (ramp_speed + a * second / 2.0) + v * third
         )
         return distance

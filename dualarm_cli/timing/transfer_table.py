@@ -50,6 +50,22 @@ class _Class:
 
 
 @dataclass(frozen=True)
+class ChainLaws:
+    """Laws of joints that pass the outer ends of lines in motion, in units of their speed."""
+
+    law: PassingLaw
+    """Limits of each law."""
+    times: Times
+    """Times of the motions of chains by distance [s], shape (laws, 5, entries)."""
+    number: NDArray[np.int32]
+    """Law of each joint, -1 for those that do not count, shape (c,)."""
+
+    def speeds(self, line: Times) -> Times:
+        """Compute the greatest shares of full speed after times from rest [s], shape (laws, n)."""
+        return np.ascontiguousarray(self.law.reachable_speed(line[:, None]).T, dtype=np.float32)
+
+
+@dataclass(frozen=True)
 class TransferTable:
     """Tabulated transfer times of joints that move together.
 
@@ -66,11 +82,8 @@ class TransferTable:
     """Joints by law."""
     step: float
     """Time of a step at full speed [s]."""
-    chains: tuple[Times, NDArray[np.int32]] | None
-    """Times of the motions of chains by distance [s], and the law of each joint.
-
-    Shapes (laws, 5, entries) and (c,); the law is -1 for joints that do not count. None for motions from rest to rest.
-    """
+    chains: ChainLaws | None
+    """Laws of the chains of joints; None for motions from rest to rest."""
     _laws: dict[tuple[int, ...], Laws] = field(default_factory=dict, compare=False, repr=False)
     """Table for the compiled functions, by excluded coordinates."""
 
@@ -110,7 +123,7 @@ class TransferTable:
                 _Class(tuple(same_law), law.duration(distance[:, None]).astype(np.float32))
             )
             remaining = [c for c in remaining if c not in same_law]
-        return cls(1.0 / (velocity * step), middle, tuple(classes), step, _chain_tables(laws, step))
+        return cls(1.0 / (velocity * step), middle, tuple(classes), step, _chain_laws(laws, step))
 
     def coordinates(self, joints: FloatArray) -> Coordinates:
         """Convert joints (n, c) [rad] to steps, coordinate first, shape (c, n)."""
@@ -182,10 +195,9 @@ class TransferTable:
         return self._laws[without]
 
 
-def _chain_tables(laws: list[RestToRest], step: float) -> tuple[Times, NDArray[np.int32]] | None:
+def _chain_laws(laws: list[RestToRest], step: float) -> ChainLaws | None:
     """Tabulate the motions of chains; joints whose limits stand in the same proportions share a table."""
-    tables, numbers = dict[tuple[float, float], FloatArray](), []
-    distance: FloatArray = np.arange(STEPS // STEPS_PER_ENTRY + 1.0) * (STEPS_PER_ENTRY * step)
+    keys, numbers = list[tuple[float, float]](), []
     for law in laws:
         if not isinstance(law, PassingLaw):
             numbers += [-1] * len(law.velocity)
@@ -193,14 +205,16 @@ def _chain_tables(laws: list[RestToRest], step: float) -> tuple[Times, NDArray[n
         rest = law.rest_law
         a, j = rest.acceleration / rest.velocity, rest.jerk / rest.velocity
         for key in zip(a.tolist(), j.tolist(), strict=True):
-            if key not in tables:
-                scaled = RestToRest(np.ones(1), *np.array(key)[:, None])
-                tables[key] = PassingLaw.of(scaled).chain_times(distance[:, None])[..., 0]
-            numbers.append(list(tables).index(key))
-    if not tables:
+            if key not in keys:
+                keys.append(key)
+            numbers.append(keys.index(key))
+    if not keys:
         return None
-    rounded = np.nextafter(np.stack(list(tables.values())).astype(np.float32), np.float32(0.0))
-    return rounded, np.array(numbers, dtype=np.int32)
+    distance: FloatArray = np.arange(STEPS // STEPS_PER_ENTRY + 1.0) * (STEPS_PER_ENTRY * step)
+    scaled = PassingLaw.of(RestToRest(np.ones(len(keys)), *np.array(keys).T))
+    times = scaled.chain_times(np.tile(distance[:, None], (1, len(keys)))).transpose(2, 0, 1)
+    rounded = np.ascontiguousarray(np.nextafter(times.astype(np.float32), np.float32(0.0)))
+    return ChainLaws(scaled, rounded, np.array(numbers, dtype=np.int32))
 
 
 def rows_of(coordinates: Coordinates, rows: IntArray) -> Coordinates:
@@ -241,18 +255,23 @@ class PostureBoxes:
         return LineEnds.of(boxes(self.low, self.high), first, self.line)
 
     @cached_property
-    def runs(self) -> CellRuns:
-        """Runs of boxes that are neighbours in platform cell, branch and arm angle."""
+    def first_of_runs(self) -> IntArray:
+        """First box of each run."""
         n = len(self.index)
         change = (np.diff(self.index) != 0) | (np.diff(self.kind) != 0)
         begins = np.concatenate([[True], change])
         start = np.maximum.accumulate(np.where(begins, np.arange(n), 0))
-        first = np.flatnonzero((np.arange(n) - start) % RUN == 0)
+        return np.flatnonzero((np.arange(n) - start) % RUN == 0)
+
+    @cached_property
+    def runs(self) -> CellRuns:
+        """Runs of boxes that are neighbours in platform cell, branch and arm angle."""
+        first = self.first_of_runs
         low = np.minimum.reduceat(self.low, first, axis=1)
         high = np.maximum.reduceat(self.high, first, axis=1)
         index = np.ascontiguousarray(self.index, dtype=np.int64)
         cells = boxes(self.low, self.high)
-        return CellRuns.of(cells, index, boxes(low, high), np.append(first, n))
+        return CellRuns.of(cells, index, boxes(low, high), np.append(first, len(self.index)))
 
 
 @dataclass(frozen=True)
@@ -277,12 +296,16 @@ class Pairs:
 
     def _chains(self, onward: Times, from_target: bool) -> JointChains | None:
         """Prepare the chains of joints for the compiled functions, or None."""
-        before, after = self.before, self.after
-        if after.displacement is None or before.displacement is None or self.table.chains is None:
+        before, after, chains = self.before, self.after, self.table.chains
+        if after.displacement is None or before.displacement is None or chains is None:
             return None
         displacements = before.displacement if from_target else None, after.displacement
         lines = (before.line, before.late), (after.line, after.late)
-        return JointChains.of(displacements, lines, onward, self.table.chains)
+        of_runs = np.maximum.reduceat(after.line, after.first_of_runs)
+        speeds = tuple(map(chains.speeds, (before.line, after.line, of_runs)))
+        rate = chains.law.rest_law.acceleration.astype(np.float32)
+        laws = chains.times, rate, chains.number, self.table.step
+        return JointChains.of(displacements, lines, speeds, onward, laws)
 
     def by_cells(self, work: Times, onward: Times, cells: int) -> Times:
         """Compute the minimum transfer plus work between platform cells [s], shape (g, g).

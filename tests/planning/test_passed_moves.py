@@ -107,12 +107,60 @@ def test_tools_pass_beside_their_targets_as_far_as_they_may_and_gain_by_it(tmp_p
     assert sum(off > 5e-3 for blend, off in beside if blend == 30) >= 3
 
 
-def test_there_is_no_bound_where_corners_may_be_cut(tmp_path: Path) -> None:
-    """Tools need not come to their targets; with all stops they do."""
-    job = job_of(tmp_path, moves(0, ", blend: 30 mm", both=True))
-    cut = job_bound(job, "quick", "lines")
-    assert cut.value is None and "blend" in cut.assumptions[0]
-    assert 0.0 < (job_bound(job, "quick").value or 0.0) <= planned(job, "none").duration
+PICK = (
+    "pick: {{xyz: [{x:.3f}, {y:.3f}, 0.9], rpy: [180 deg, 0, 0]}}, approach: 60 mm, retract: 60 mm"
+)
+"""Keys of a pick at a place in front of the robot."""
+
+
+def picks_and_moves(left: str, right: str, blend: str) -> str:
+    """Tasks of both arms in their order: p for a pick, m for a move."""
+    random, rows = np.random.default_rng(5), []
+    for arm, side, kinds in (("left", 1.0, left), ("right", -1.0, right)):
+        for k, kind in enumerate(kinds):
+            x, y = random.uniform([0.40, 0.15], [0.65, 0.45]) * (1.0, side)
+            work = PICK.format(x=x, y=y)
+            if kind == "m":
+                work = f"move: {{xyz: [{x:.3f}, {y:.3f}, 1.1], rpy: [180 deg, 0, 0]}}{blend}"
+            rows.append(f"  - {{id: {arm}{k}, arm: {arm}, {work}}}\n")
+    return "".join(rows)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "head"),
+    [
+        ("pmp", "pmp", ""),
+        ("pmp", "pp", ""),
+        ("mpm", "p", "start: free\n"),
+        ("pmp", "pp", "mode: free\n"),
+        ("pm", "mp", "order: optimise\n"),
+    ],
+)
+def test_no_plan_is_faster_than_the_bound_past_moves(tmp_path, left, right, head):
+    """Blended plans of two efforts' methods; the bound is at most that of the same file with stops at its moves."""
+    passing = job_of(tmp_path, picks_and_moves(left, right, ", blend: 30 mm"), head)
+    stopping = job_of(tmp_path, picks_and_moves(left, right, ""), head)
+    least, at_rest = (job_bound(job, "quick", "lines") for job in (passing, stopping))
+    assert least.value is not None and at_rest.value is not None
+    assert 0.0 < least.value <= at_rest.value
+    assert any(note.key == "passed_targets" for note in least.assumptions)
+    for platform in ("sequence", "fixed"):
+        found = plan_without_bound(
+            passing, PlanSettings(platform, effort="quick"), check_collisions=False
+        )
+        assert least.value <= found.duration
+
+
+def test_a_move_that_is_passed_counts_as_if_it_were_not_there(tmp_path):
+    """Where both arms pass one at the same time, or one arm works alone; at rest it counts."""
+    for left, right in (("pmp", "pmp"), ("pmmp", "")):
+        tasks = [picks_and_moves(left, right, blend) for blend in (", blend: 30 mm", "")]
+        without = "".join(row for row in tasks[0].splitlines(True) if "move" not in row)
+        passed, stops, none = (
+            job_bound(job_of(tmp_path, rows), "quick", "lines").value for rows in (*tasks, without)
+        )
+        assert passed == none
+        assert stops is not None and passed is not None and stops > passed
 
 
 def test_a_tool_too_far_beside_its_target_is_found(tmp_path: Path) -> None:

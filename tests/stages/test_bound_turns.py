@@ -19,6 +19,7 @@ from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.variables import Variables
 from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, TransferTable
 from tests.posture_cells_numpy import within_reach
 
 STEPS = 100
@@ -62,6 +63,30 @@ def farthest(
     return -float(most.fun)
 
 
+def farthest_between(
+    durations: tuple[float, float, float], limits: tuple[float, float, float]
+) -> float:
+    """Greatest distance in the middle of three times, from rest before the first to rest after the last [rad]."""
+    n = STEPS
+    h = sum(durations) / n
+    a = h * np.tril(np.ones((n, n)))
+    v = np.cumsum(h * 0.5 * (a + np.vstack([np.zeros(n), a[:-1]])), axis=0)
+    middles = h * (np.arange(n) + 0.5)
+    inside = (middles > durations[0]) & (middles < durations[0] + durations[1])
+    x = (h * 0.5 * (v + np.vstack([np.zeros(n), v[:-1]])))[inside].sum(axis=0)
+    speed, acceleration, jerk = limits
+    most = linprog(
+        -x,
+        A_ub=np.vstack([a, -a, v, -v]),
+        b_ub=np.repeat([acceleration, acceleration, speed, speed], n),
+        A_eq=np.vstack([a[-1:], v[-1:]]),
+        b_eq=[0.0, 0.0],
+        bounds=[(-jerk, jerk)] * n,
+    )
+    assert most.status == 0
+    return -float(most.fun)
+
+
 @pytest.mark.parametrize("jerk", [8.0, 40.0, 2000.0])
 @pytest.mark.parametrize("distance", [0.02, 0.2, 1.0])
 def test_no_motion_from_a_turn_to_rest_is_faster(jerk, distance):
@@ -95,6 +120,58 @@ def test_no_motion_comes_to_a_turn_faster(way):
     reached = law.reachable_distance(np.array([to_any]))[0]
     assert 0.999 * way <= reached <= way * (1.0 + 1e-9)
     assert (law.chain_times(np.zeros((1, 1))) == 0.0).all()
+
+
+def transfer_bounds(
+    limits: tuple[float, float, float], distance: float, lines: tuple[float, float]
+) -> tuple[float, float]:
+    """Bounds of a joint's transfer after a retract and before an approach of given least times [s].
+
+    After this retract, and after any motion.
+    """
+    law = PassingLaw.of(RestToRest(*(np.array([x]) for x in limits)))
+    table = TransferTable.of([law], np.array([-3.0]), np.array([3.0]))
+    zero, none = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.float32)
+
+    def ends(q: float, line: float) -> PostureBoxes:
+        box = table.box(np.array([[q]]), np.array([[q]]))
+        unknown = np.full((2, 1, 1), -1, dtype=np.int16)
+        return PostureBoxes(zero, zero, *box, np.array([line], dtype=np.float32), unknown, 0.2)
+
+    pairs = Pairs(table, ends(-0.5 * distance, lines[0]), ends(0.5 * distance, lines[1]), ())
+    after_retract, after_any = pairs.least_from(none, none, none[:, None], none)
+    return float(after_retract[0]), float(after_any[0])
+
+
+@pytest.mark.parametrize("lines", [(0.2, 0.25), (0.05, 0.3), (0.0, 0.0), (0.6, 0.12)])
+@pytest.mark.parametrize("distance", [0.03, 0.4, 1.2])
+def test_joints_transfer_no_faster_than_speeds_at_line_ends_allow(distance, lines):
+    """One joint from rest to rest over both lines, by a linear program; retracts that take longer do not help."""
+    limits = (2.0, 8.0, 80.0)
+    after_retract, after_any = transfer_bounds(limits, distance, lines)
+    assert distance / limits[0] - 3e-4 <= after_any  # two steps of the table
+    assert after_any <= after_retract
+    whole = lines[0] + after_retract + lines[1]
+    for retract in (lines[0], lines[0] + 0.05, lines[0] + 0.3):
+        window = whole - retract - lines[1]
+        if window > 0.0:
+            most = farthest_between((retract, window, lines[1]), limits)
+            assert most <= distance * (1.0 + 2e-3) + 1e-3
+
+
+def test_times_between_speeds_are_those_of_the_fastest_profile():
+    """Speeds grow and fall by the acceleration limit; without jerk limits speeds after lines are a T."""
+    speed, acceleration = 2.0, 8.0
+    random = np.random.default_rng(3)
+    for distance in random.uniform(0.01, 1.5, 20):
+        lines = random.uniform(0.0, 0.3, 2)
+        found = transfer_bounds((speed, acceleration, np.inf), float(distance), tuple(lines))
+        begin, end = np.minimum(speed, acceleration * lines)
+        for time, first in zip(found, (begin, speed), strict=True):
+            t = np.linspace(0.0, time, 20_001)
+            profile = np.minimum(first + acceleration * t, end + acceleration * (time - t))
+            area = np.minimum(profile, speed).mean() * time
+            assert area == pytest.approx(distance, abs=1e-3)
 
 
 @pytest.mark.parametrize("late", [0.02, 0.2])

@@ -10,6 +10,7 @@ import pytest
 
 from dualarm_cli.bound.bound import lower_bound
 from dualarm_cli.bound.job_bound import job_bound
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.blending import BLENDINGS
 from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
@@ -40,6 +41,20 @@ def law(velocity: float, acceleration: float, jerk: float) -> PassingLaw:
 def test_ways_from_rest_are_those_of_hand_arithmetic(limits, time, way):
     """One joint under three limits."""
     assert law(*limits).reachable_distance(np.array([time]))[0] == pytest.approx(way, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("limits", "time", "speed"),
+    [
+        ((10.0, 10.0, 6.0), 1.0, 3.0),  # j t²/2
+        ((10.0, 2.0, 2.0), 2.0, 3.0),  # 1 rad/s after the first second, then 2 rad/s²
+        ((4.0, 4.0, math.inf), 0.5, 2.0),
+        ((1.0, 10.0, 2.0), 2.0, 1.0),  # the limit
+    ],
+)
+def test_speeds_from_rest_are_those_of_hand_arithmetic(limits, time, speed):
+    """One joint under three limits."""
+    assert law(*limits).reachable_speed(np.array([time]))[0] == pytest.approx(speed, rel=1e-12)
 
 
 def test_no_motion_from_rest_goes_farther():
@@ -78,8 +93,10 @@ def test_no_blended_plan_is_below_the_bound_nor_the_bound_above_that_with_stops(
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_stops_without_lines_are_at_rest(random_problem, seed):
+def test_stops_without_lines_are_at_rest(random_problem, seed, monkeypatch):
     """Then blending does not help: the bound of plans with stops, but for other tables. With lines it does."""
+    alike = dataclasses.replace(EFFORTS["quick"], passing_bound=EFFORTS["quick"].bound)
+    monkeypatch.setitem(EFFORTS, "quick", alike)
     problem = random_problem(seed, (3, 3), line=0.0, returns=True)
     in_motion = problem.under(PassingLaw.of)
     least, stopping = (lower_bound(x, "quick").value for x in (in_motion, problem))

@@ -216,9 +216,13 @@ typedef struct {
     const float *retract;   /* least times of the retracts [s], (cells of `from`,) */
     const float *approach;  /* least times of the approaches [s], (cells of `to`,) */
     const float *onward;    /* least time from the target on for each approach [s], (cells of `to`,) */
+    const float *speed[3];  /* greatest shares of full speed at the ends of the fastest retracts, (laws, cells of
+                               `from`), and approaches, (laws, cells of `to`), and over (laws, runs of `to`) */
     const float *table;     /* times [s] by distance and kind of motion, (laws, 5, entries) */
+    const float *rate;      /* acceleration limit per speed limit of each law [1/s], (laws,) */
     const int32_t *law;     /* of each coordinate, -1 for those that do not count, (coordinates,) */
-    int64_t coordinates, entries;
+    double step;            /* time of a table step at full speed [s] */
+    int64_t laws, coordinates, entries;
     float late[2];          /* displacements hold for retracts and approaches that take less beyond the least [s] */
 } Chains;
 
@@ -267,6 +271,71 @@ static void raise_by_joint(const Chains *chains, const float *table, int out, co
         times->from_retract[j] = fmaxf(times->from_retract[j], from_retract);
         times->whole[j] = fmaxf(times->whole[j], whole);
 #undef TIME
+    }
+}
+
+/* Compute the least time of a joint for a distance between shares of full speed that it may not exceed [s].
+
+   distance: time at full speed [s]. rate: acceleration limit per speed limit [1/s]. */
+static inline float time_between(float distance, float rate, float begin, float end)
+{
+    const float low = begin < end ? begin : end, high = begin < end ? end : begin;
+    const float squares = 0.5F * (low * low + high * high);
+    /* Roots that set no error number are vectorised. */
+    const float from_low = __builtin_elementwise_sqrt(low * low + 2.0F * rate * distance);
+    const float peak = __builtin_elementwise_sqrt(rate * distance + squares);
+    const float top = peak < 1.0F ? peak : 1.0F;
+    const float cruise = distance - (top * top - squares) / rate;
+    const float whole = (2.0F * top - low - high) / rate + (peak < 1.0F || cruise < 0.0F ? 0.0F : cruise);
+    return from_low < high ? (from_low - low) / rate : whole;
+}
+
+/* Raise the totals of transfers from cell i to `count` cells from `begin` on by the speeds of joints at the lines' ends.
+
+   Cells may be runs. leaving, arriving: greatest shares of full speed, (laws, cells); NULL after any motion. arrival:
+   time added at each cell of `to`. total: after the motion to `from`. plain: after any motion. */
+static void raise_by_speeds(const Laws *laws, const Chains *chains, const float *leaving, const float *arriving,
+                            Boxes from, int64_t i, Boxes to, int64_t begin, int64_t count, const float *arrival,
+                            float *total, float *plain)
+{
+    float any[TILE], own[TILE];
+    int16_t gap[TILE];
+    for (int64_t j = 0; j < count; j++)
+        any[j] = own[j] = 0.0F;
+    for (int32_t law = 0; law < chains->laws; law++) {
+        /* Of the joints with one law, that with the largest gap is the slowest. */
+        for (int64_t j = 0; j < count; j++)
+            gap[j] = 0;
+        for (int32_t c = 0; c < laws->end[laws->classes - 1]; c++) {
+            const int64_t column = laws->column[c];
+            if (chains->law[column] != law)
+                continue;
+            const int16_t low = from.low[column * from.count + i], high = from.high[column * from.count + i];
+            const int16_t *goal_low = to.low + column * to.count + begin;
+            const int16_t *goal_high = to.high + column * to.count + begin;
+            for (int64_t j = 0; j < count; j++) {
+                const int16_t over = (int16_t)(goal_low[j] - high), under = (int16_t)(low - goal_high[j]);
+                const int16_t larger = over > under ? over : under;
+                gap[j] = gap[j] > larger ? gap[j] : larger;
+            }
+        }
+        const float rate = chains->rate[law], step = (float)chains->step;
+        const float start = leaving ? leaving[law * from.count + i] : 1.0F;
+        const float *end = arriving + law * to.count + begin;
+        for (int64_t j = 0; j < count; j++) {
+            const float after_any = time_between(step * (float)gap[j], rate, 1.0F, end[j]);
+            any[j] = after_any > any[j] ? after_any : any[j];
+        }
+        for (int64_t j = 0; leaving && j < count; j++) {
+            const float after_start = time_between(step * (float)gap[j], rate, start, end[j]);
+            own[j] = after_start > own[j] ? after_start : own[j];
+        }
+    }
+    const float *motion = leaving ? own : any;
+    for (int64_t j = 0; j < count; j++) {
+        const float after_any = any[j] + arrival[begin + j], after_start = motion[j] + arrival[begin + j];
+        plain[j] = after_any > plain[j] ? after_any : plain[j];
+        total[j] = after_start > total[j] ? after_start : total[j];
     }
 }
 
@@ -332,11 +401,14 @@ int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, 
         for (int64_t r = 0; r < goals; r += TILE)
             compute_row(laws, from->runs, run, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
         int64_t candidate_count = 0;
-        for (int64_t r = 0; r < goals; r++) {
-            const float total = bound[r] + least_work[r];
-            if (total < best[to->group[to->first[r]]])
-                candidates[candidate_count++] = (Candidate){total, (int32_t)r};
-        }
+        for (int64_t r = 0; r < goals; r++)
+            bound[r] += least_work[r];
+        for (int64_t r = 0; chains && r < goals; r += TILE)
+            raise_by_speeds(laws, chains, NULL, chains->speed[2], from->runs, run, to->runs, r,
+                            goals - r < TILE ? goals - r : TILE, least_work, bound + r, plain);
+        for (int64_t r = 0; r < goals; r++)
+            if (bound[r] < best[to->group[to->first[r]]])
+                candidates[candidate_count++] = (Candidate){bound[r], (int32_t)r};
         qsort(candidates, (size_t)candidate_count, sizeof(Candidate), by_bound);
         for (int64_t p = 0; p < candidate_count; p++) {
             const int64_t r = candidates[p].index, begin = to->first[r], count = to->first[r + 1] - begin;
@@ -345,6 +417,9 @@ int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, 
                 compute_row(laws, from->cells, i, to->cells, begin, count, time);
                 for (int64_t j = 0; j < count; j++)
                     total[j] = time[j] + work[begin + j];
+                if (chains && minimum(total, 0, count) < *pair_best)
+                    raise_by_speeds(laws, chains, chains->before ? chains->speed[0] : NULL, chains->speed[1], from->cells, i,
+                                    to->cells, begin, count, work, total, plain);
                 if (chains && minimum(total, 0, count) < *pair_best)
                     raise_by_chains(laws, chains, from->cells, i, to->cells, begin, count, work, time, total, plain);
                 const float sum = minimum(total, 0, count);
@@ -386,10 +461,14 @@ int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const
             least[i] = least_plain[i] = INFINITY;
         for (int64_t r = 0; r < goals; r += TILE)
             compute_row(laws, from->runs, run, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
+        for (int64_t r = 0; r < goals; r++)
+            bound[r] += least_arrival[r];
+        for (int64_t r = 0; chains && r < goals; r += TILE)
+            raise_by_speeds(laws, chains, NULL, chains->speed[2], from->runs, run, to->runs, r,
+                            goals - r < TILE ? goals - r : TILE, least_arrival, bound + r, plain);
         for (int64_t r = 0; r < goals; r++) {
-            const float arriving = bound[r] + least_arrival[r];
             const float waiting = floors[to->group[to->first[r]]] + least_remaining[r];
-            candidates[r] = (Candidate){arriving > waiting ? arriving : waiting, (int32_t)r};
+            candidates[r] = (Candidate){bound[r] > waiting ? bound[r] : waiting, (int32_t)r};
         }
         qsort(candidates, (size_t)goals, sizeof(Candidate), by_bound);
         for (int64_t p = 0; p < goals; p++) {
@@ -406,6 +485,9 @@ int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const
                     total[j] = plain[j] = arriving > waiting ? arriving : waiting;
                 }
                 if (chains && minimum(total, 0, count) < least[i])
+                    raise_by_speeds(laws, chains, chains->before ? chains->speed[0] : NULL, chains->speed[1], from->cells, i,
+                                    to->cells, goal, count, arrival, total, plain);
+                if (chains && (minimum(total, 0, count) < least[i] || minimum(plain, 0, count) < least_plain[i]))
                     raise_by_chains(laws, chains, from->cells, i, to->cells, goal, count, arrival, time, total, plain);
                 const float sum = minimum(total, 0, count), plain_sum = minimum(plain, 0, count);
                 least[i] = sum < least[i] ? sum : least[i];
