@@ -158,6 +158,10 @@ class PassingLaw(RestToRest):
 
     - a transfer takes at least each joint's distance at its full speed, whatever its end velocities; the
       platform, which is at rest at both ends, takes its rest-to-rest time;
+    - after a retract of time t that begins at rest, a joint has at most the speed `reachable_speed(t)`, and before an
+      approach of that time likewise. Accelerating at no more than a, its transfer takes at least the time between these
+      speeds. A retract longer by dt raises the speed by a dt or less, and so shortens the transfer by dt or less:
+      retract and transfer together take no less than with the least time of the retract;
     - on a line joint j turns at most D_j(T) in time T after it leaves the target or before it arrives, forth and
       back added up: its acceleration is at most min(a, j t) after a time t, and so its speed at most the integral of
       that, and v;

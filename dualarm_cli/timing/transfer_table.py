@@ -62,7 +62,8 @@ class ChainLaws:
 
     def speeds(self, line: Times) -> Times:
         """Compute the greatest shares of full speed after times from rest [s], shape (laws, n)."""
-        return np.ascontiguousarray(self.law.reachable_speed(line[:, None]).T, dtype=np.float32)
+        speed = self.law.reachable_speed(line[:, None].astype(np.float64))
+        return np.ascontiguousarray(speed.T, dtype=np.float32)
 
 
 @dataclass(frozen=True)
