@@ -258,7 +258,10 @@ class PassingLaw(RestToRest):
 
     @cached_property
     def _rise(self) -> tuple[FloatArray, FloatArray]:
-        """Time in which each joint's acceleration rises from rest [s], and its jerk; 0 without a limit."""
+        """Rise time of each joint's acceleration from rest [s], and jerk [rad/s³].
+
+        Both 0 without a jerk limit.
+        """
         v, a, limit = self.rest_law.velocity, self.rest_law.acceleration, self.rest_law.jerk
         limited = np.isfinite(limit)
         j = np.where(limited, limit, 1.0)

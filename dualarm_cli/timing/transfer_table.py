@@ -51,7 +51,7 @@ class _Class:
 
 @dataclass(frozen=True)
 class ChainLaws:
-    """Laws of joints that pass the outer ends of lines in motion, in units of their speed."""
+    """Laws of joints that pass line ends in motion, in units of their speed."""
 
     law: PassingLaw
     """Limits of each law."""
