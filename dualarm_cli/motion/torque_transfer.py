@@ -43,6 +43,8 @@ class ShapeSettings:
     """Distance from position limits that is kept at knots, for peaks between them [rad or m]."""
     room: float = 0.05
     """Room about the range of the present motion [rad or m]."""
+    near: float = 0.8
+    """Fraction of its effort from which on a joint's torques are constrained; all are checked."""
     dense: int = 8
     """Number of instants of each interval at which torques are checked."""
 
@@ -118,9 +120,16 @@ def transfer_within_torques(
     Returns:
         Motion of the arm's joints from 0 to its duration.
     """
+    least, of = None, 1.0
     for factor in SHAPE.longer:
         program = _Program(dynamics, columns, ends, limits, factor * ends.duration)
-        jerk = program.solved()
+        if least is None:
+            least, of = program.least_jerk(None), factor
+            about = least
+        else:
+            # A linearisation needs no more than the jerks of a shorter transfer, drawn out.
+            about = program.least_jerk(least * cube(np.array(of / factor)))
+        jerk = None if about is None else program.solved(about)
         if jerk is not None:
             return program.trajectory(jerk, tuple(limits.joints[column] for column in columns))
     return None
@@ -147,16 +156,16 @@ class _Program:
         self._dense = _Grid(duration, np.arange(count * SHAPE.dense + 1) / (count * SHAPE.dense))
         self._effort = (1.0 - SHAPE.reserve) * dynamics.limit[columns]
 
-    def solved(self) -> FloatArray | None:
-        """Solve for jerks (intervals, n) that keep limits and torques, or return None."""
-        jerk = self._least_jerk(None)
+    def solved(self, about: FloatArray) -> FloatArray | None:
+        """Solve for jerks (intervals, n) that keep limits and torques, from first ones; None without."""
+        jerk: FloatArray | None = about
         for _ in range(SHAPE.rounds):
             if jerk is None:
                 return None
             jerk = self._with_exact_end(jerk)
             if self._fits(jerk):
                 return jerk
-            jerk = self._least_jerk(jerk)
+            jerk = self.least_jerk(jerk)
         return None
 
     def trajectory(self, jerk: FloatArray, joints: tuple[str, ...]) -> Trajectory:
@@ -201,7 +210,7 @@ class _Program:
         missing = np.vstack([end - rate[-1] for end, rate in zip(self._end, reached, strict=True)])
         return jerk + product(A.T, solve(product(A, A.T), missing))
 
-    def _least_jerk(self, about: FloatArray | None) -> FloatArray | None:
+    def least_jerk(self, about: FloatArray | None) -> FloatArray | None:
         """Solve the program of least jerk with torques linearised about jerks, or without.
 
         Unknowns are jerks in multiples of their limits, joint by joint.
@@ -265,10 +274,12 @@ class _Program:
             torque[k] = value[columns]
             for part, derivative in ((grid.q, by_q), (grid.v, by_v), (grid.a, by_a)):
                 rows[k] += derivative[np.ix_(columns, columns)][:, :, None] * part[k]
-        matrix = rows.reshape(len(q) * n, n * count)
+        # A joint that is far from its effort is left out: the program's time is that of its rows.
+        near = (np.abs(torque) > SHAPE.near * self._effort).any(axis=0)
+        matrix = rows[:, near].reshape(-1, n * count)
         present = product(matrix, about.T.reshape(-1))
-        effort = np.tile(self._effort, len(q)) * (1.0 - SHAPE.reserve)
-        offset = torque.reshape(-1) - present
+        effort = np.tile(self._effort[near], len(q)) * (1.0 - SHAPE.reserve)
+        offset = torque[:, near].reshape(-1) - present
         return matrix, -effort - offset, effort - offset
 
 
