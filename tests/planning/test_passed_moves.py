@@ -239,6 +239,10 @@ def test_a_move_that_is_passed_may_say_that_it_has_no_lines_and_no_dwell(tmp_pat
         ("move: home, blend: 0", "length must be positive"),
         ("move: home, blend: 10 mm, dwell: 0.1 s", "'blend' does not go with 'dwell'"),
         ("move: home, blend: 10 mm, approach: 5 mm", "'blend' does not go with 'approach'"),
+        (
+            "move: {xyz: [0.5, 0.3, 0.8], retract: 5 mm}, blend: 10 mm",
+            "'blend' does not go with 'retract'",
+        ),
         ("pick: {xyz: [0.5, 0.3, 0.8]}, blend: 10 mm", "'blend' goes with a move, or into a path"),
     ],
 )

@@ -393,7 +393,7 @@ class TaskSection(CareSection, TaskHead):
         if self.move is None:
             raise refuse("'blend' goes with a move, or into a path; remove it", "blend")
         for key in ("approach", "retract", "dwell"):
-            given = getattr(self, key)
+            given = getattr(self.move, key, None) or getattr(self, key)
             if isinstance(given, LineSection):
                 given = given.distance
             if isinstance(given, DwellSection):
