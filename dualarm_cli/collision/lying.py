@@ -170,7 +170,8 @@ def held_bodies(cell: Cell, arm: str, task: Task, stop: Stop) -> list[HeldBody]:
         task: task of the stop.
         stop: the stop.
     """
-    fixed_tool, both = cell.tools[arm], tuple[Line, ...](stop.lines)
+    fixed_tool = cell.tools[arm]
+    both: tuple[Line, ...] = stop.lines
     of_tool, of_part = cell.held_shapes(arm, Held(task.tool, task.part))
     line = both[1:] if stop.action in TAKES else both[:1]
     if both[0][1] == both[1][1]:

@@ -199,15 +199,19 @@ class LineDirection:
         Args:
             R_world_tool: rotation of the tool, shape (3, 3).
         """
-        vector = np.array(self.vector)
-        z = -product(R_world_tool.T, vector) if self.fixed else -vector
+        z = -self._outward(R_world_tool)
         y = np.cross(z, np.eye(3)[int(abs(z[0]) > 0.9)])
         y = y / norm(y)
         return np.stack([np.cross(y, z), y, z], axis=-1)
 
     def back(self, R_world_tool: FloatArray, distance: float) -> pin.SE3:
         """Build the displacement by a distance outward [m], in the tool's frame."""
-        return pin.SE3(np.eye(3), self.axes(R_world_tool)[:, 2] * -distance)
+        return pin.SE3(np.eye(3), self._outward(R_world_tool) * distance)
+
+    def _outward(self, R_world_tool: FloatArray) -> FloatArray:
+        """Compute the unit vector in the tool's frame, shape (3,)."""
+        vector: FloatArray = np.array(self.vector)
+        return product(R_world_tool.T, vector) if self.fixed else vector
 
     def in_frame(self, R: FloatArray) -> LineDirection:
         """Convert to another frame of the tool; lines along the tool and fixed ones stay.
