@@ -56,9 +56,8 @@ def regripped(job, grip, pose=None):
     give = giving.stops[1]
     whole = dataclasses.replace(giving, stops=(), handover=None)
     meet = give.target.pose if pose is None else pose
-    shares = handover_shares(
-        whole, "right", (giving.stops[0], taking.stops[1]), (meet, grip), give.place
-    )
+    stops, lines = (giving.stops[0], taking.stops[1]), (give.lines[1], taking.stops[0].lines[0])
+    shares = handover_shares(whole, "right", stops, (meet, grip), lines, give.place)
     return dataclasses.replace(job, tasks=tuple(shares))
 
 
@@ -250,7 +249,9 @@ def test_the_other_arm_may_give(flip):
         dataclasses.replace(taking.stops[1], action="pick"),
         dataclasses.replace(giving.stops[0], action="place"),
     )
-    shares = handover_shares(whole, "left", stops, (pose, giving.handover.grip), giving.place)
+    meeting = pose, giving.handover.grip
+    lines = giving.stops[1].lines[1], taking.stops[0].lines[0]
+    shares = handover_shares(whole, "left", stops, meeting, lines, giving.place)
     job = dataclasses.replace(flip, tasks=tuple(shares))
     found = plan_without_bound(job, PlanSettings(platform="fixed"))
     assert [check.name for check in verify(found, job, clearance=True).failures] == []

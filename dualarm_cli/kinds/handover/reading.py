@@ -50,7 +50,6 @@ class HandoverSection(FramedPose):
         description="Grasp of the taking tool, in place of `grip`, for a part with grasps; the pose is then that of "
         "the part.",
     )
-
     approach: Line | None = Field(
         default=None,
         description="Straight approach of the taking tool [m]; default: that of the place.",
@@ -148,8 +147,7 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
     if handover.approach is not None:
         lines = lines[0], reader.line(handover.approach, (*place, "approach"))
     whole = reader.task(section, loc, arm, (), part)
-    shares = handover_shares(whole, taker, (pick, put), (meets, grip), reader.place(place))
-    return _with_lines(shares, *lines)
+    return handover_shares(whole, taker, (pick, put), (meets, grip), lines, reader.place(place))
 
 
 def _grasps(
@@ -190,6 +188,7 @@ def handover_shares(
     taker: str,
     stops: tuple[Stop, Stop],
     meeting: tuple[pin.SE3, pin.SE3],
+    lines: tuple[tuple[float, LineDirection], tuple[float, LineDirection]],
     place: Place,
 ) -> list[Task]:
     """Create the giving task, pick and give, and the taking one, take and place.
@@ -201,6 +200,7 @@ def handover_shares(
         taker: the taking arm.
         stops: the pick and the place.
         meeting: the giving tool's pose in the world, and the taking tool's in the giving one's frame.
+        lines: the giving tool's retract, and the taking one's approach.
         place: of the hand-over in the file.
     """
     pick, put = stops
@@ -208,9 +208,11 @@ def handover_shares(
     held = replace(whole, stops=(pick,)).upright
     x, y, z = product(grip.rotation.T, np.array(held or np.zeros(3))).tolist()
     work = Handover(whole.arm, taker, grip, place, (x, y, z) if held else None)
-    give = Stop("give", PoseTarget(pose), 0.0, pick.retract, pick.dwell, place)
-    take = Stop("take", PoseTarget(pose * grip), pick.approach, 0.0, pick.dwell, place)
-    take = replace(take, varying=pick.varying)
+    (away, outward), (towards, inward) = lines
+    give = Stop("give", PoseTarget(pose), 0.0, away, pick.dwell, place)
+    give = replace(give, directions=LineDirections(retract=outward))
+    take = Stop("take", PoseTarget(pose * grip), towards, 0.0, pick.dwell, place)
+    take = replace(take, varying=pick.varying, directions=LineDirections(approach=inward))
     return [
         replace(whole, stops=(pick, give), handover=work),
         replace(
@@ -221,18 +223,6 @@ def handover_shares(
             handover=work,
         ),
     ]
-
-
-def _with_lines(
-    shares: list[Task], retract: tuple[float, LineDirection], approach: tuple[float, LineDirection]
-) -> list[Task]:
-    """Set the giving tool's retract and the taking one's approach."""
-    (pick, give), (take, put) = (task.stops for task in shares)
-    (away, outward), (towards, inward) = retract, approach
-    give = replace(give, retract=away, directions=LineDirections(retract=outward))
-    take = replace(take, approach=towards, directions=LineDirections(approach=inward))
-    stops = (pick, give), (take, put)
-    return [replace(task, stops=s) for task, s in zip(shares, stops, strict=True)]
 
 
 def with_taken_parts(document: Document, model: TasksFile, job: Job) -> Job:
