@@ -100,7 +100,7 @@ def _kind(section: Section) -> KindPlanning:
 
 @dataclass(frozen=True)
 class _Row:
-    """Stage in the bound of a job with paths and seams.
+    """Stage in the bound of a decided job.
 
     A path or seam makes two: the first ends at its begin, the second at its end.
     """
@@ -112,7 +112,7 @@ class _Row:
     earliest: float = 0.0
     """Earliest begin of the stage [s]."""
     moved: tuple[str, ...] = ()
-    """Arms that reach the end of the stage by a path or seam."""
+    """Arms that end the stage elsewhere: by a path or seam, or past a target."""
     at_rest: bool = False
     """Flag of stages that end at an end of a path or seam."""
 
