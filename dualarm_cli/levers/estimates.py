@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dualarm_cli.errors import DualArmError
+from dualarm_cli.files.source.value_paths import pointer_steps
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.dynamics import limits_torques
 from dualarm_cli.levers.changes import (
@@ -100,12 +101,10 @@ def _matters(lever: Lever, schedule: Schedule, job: Job) -> bool:
 
 def lengths_under(kept: KeptPlan, lever: Lever, tasks: Path) -> np.ndarray | str:
     """Estimate the times of the plan's pieces under a lever, or return the reason against."""
-    is_robot = lever.kind == "robot"
-    changed = (
-        with_raised_limits(kept.job, lever)
-        if is_robot
-        else load_job(tasks, tasks.name, lever.values)
-    )
+    if lever.kind == "robot":
+        changed = with_raised_limits(kept.job, lever)
+    else:
+        changed = load_job(tasks, tasks.name, lever.values)
     if not lever.is_modelled:
         return ONLY_PLANNED
     if not kept.is_modelled:
@@ -120,9 +119,7 @@ def with_raised_limits(job: Job, lever: Lever) -> Job:
     raised = {(joint, "velocity") for joint in lever.faster}
     for key in lever.values:
         role, _, pointer = key.partition(":")
-        *_, joint, rate = (
-            part.replace("~1", "/").replace("~0", "~") for part in pointer.split("/")
-        )
+        *_, joint, rate = pointer_steps(pointer)
         raised.add((joint_name(role, joint), rate))
     factors = {
         rate: np.array([SIZES.faster if (name, rate) in raised else 1.0 for name in robot.joints])

@@ -118,6 +118,11 @@ def to_pointer(loc: Loc) -> str:
     return "".join(f"/{str(step).replace('~', '~0').replace('/', '~1')}" for step in loc)
 
 
+def pointer_steps(pointer: str) -> list[str]:
+    """Split a JSON pointer into its keys and indices."""
+    return [step.replace("~1", "/").replace("~0", "~") for step in pointer.split("/")[1:]]
+
+
 def from_pointer(data: Any, pointer: str, may_add: bool = False) -> Loc:
     """Find the place of a JSON pointer in a file's data.
 
@@ -130,7 +135,7 @@ def from_pointer(data: Any, pointer: str, may_add: bool = False) -> Loc:
         PathError: the place does not exist.
     """
     loc: Loc = ()
-    names = [part.replace("~1", "/").replace("~0", "~") for part in pointer.split("/")[1:]]
+    names = pointer_steps(pointer)
     for k, name in enumerate(names):
         last = k == len(names) - 1
         if isinstance(data, list):
