@@ -119,7 +119,7 @@ def _searched(
                 raise
             # Exclude the colliding stops and search again from the best order.
             first = orders.ranked[0].job
-            watch.report(f"keeping {tried.count} stops or pairs of them apart: {error.stages}")
+            watch.report(f"searching without {tried.count} pairs of stops or arms of tasks")
             search = search.without(tried.pairs, tried.others, first)
             # The last attempts only separate colliding stops and keep the rest, to get any plan.
             is_full_search = search.start is None or (tries < searches and not watch.stop())
