@@ -211,9 +211,9 @@ def _default(field: FieldInfo) -> str:
     if isinstance(value, BaseModel):
         given = value.model_dump(exclude_unset=True)
         short = [note.key for note in field.metadata if isinstance(note, ShortForm)]
-        if given and short == list(given):
-            return f"`{next(iter(given.values()))}`"
-        return f"`{given}`" if given else ""
+        if not given or short != list(given):
+            return f"`{given}`" if given else ""
+        [value] = given.values()
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, float):
