@@ -42,9 +42,9 @@ LINES = Blending(
     passes=lambda stop: bool(stop.approach or stop.retract or stop.blend),
     law=PassingLaw.of,
     assumption=Note(
-        "lower bound: valid for every plan that keeps a given order and stops at its targets. It assumes that "
-        "each joint moves its distance at full speed, and that straight lines start or end at rest, with the "
-        "platform at rest",
+        "lower bound: valid for every plan that keeps a given order and stops at its targets without blend. It "
+        "assumes that straight lines start or end at rest, with the platform at rest, and that joints pass their "
+        "other ends as fast as the limits permit",
         "lower bound",
         "lines",
     ),
