@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from dualarm_cli.collision.clearance import LEVER
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.errors import BlockedError
 from dualarm_cli.geometry.elementary import TURN
-from dualarm_cli.model.job import ANY, Job, JointTarget, PoseTarget, Stop, Task
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
 
@@ -108,24 +109,28 @@ def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into
 def grip_faults(job: Job) -> list[Refusal]:
     """Refuse hand-overs whose tools or part are too close in every posture.
 
-    Hand-overs without fixed arms are left out.
+    Hand-overs without fixed arms are refused if either giver's are.
 
     Args:
         job: the job.
     """
-    takes = {task.id: task.stops[0] for task in job.tasks if task.stops[0].action == "take"}
+    takers = {task.id: task for task in job.tasks if task.stops[0].action == "take"}
     refusals = []
     for task in job.tasks:
         work, give = task.handover, task.stops[-1]
-        if work is None or give.action != "give" or task.arm == ANY:
+        if work is None or give.action != "give":
             continue
-        take = takes[task.id]
+        taker = takers[task.id]
+        take = taker.stops[0]
         drawn = [
             line.back(stop.target.pose.rotation, length)
             for stop, (length, line) in ((take, take.lines[0]), (give, give.lines[1]))
             if isinstance(stop.target, PoseTarget)
         ]
-        for contact in too_near(job.cell, work, task.id, task.part, *drawn):
+        arms = [(arm.name, other.name) for arm, other in permutations(job.cell.robot.arms, 2)]
+        works = [replace(work, giver=a, taker=b) for a, b in arms if task.allows(a)]
+        contacts = [too_near(job.cell, work, task.part, taker.part, *drawn) for work in works]
+        for contact in contacts[0] if all(contacts) else ():
             details = {
                 "where": contact.where,
                 "body_a": contact.bodies[0],

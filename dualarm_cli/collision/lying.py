@@ -16,7 +16,7 @@ from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import LYING, TAKES, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Handover, Line, part_as_held
+from dualarm_cli.model.part_flow import Handover, Line
 from dualarm_cli.records import dataclass
 
 
@@ -33,7 +33,7 @@ class TooNear:
 
 
 def too_near(
-    cell: Cell, work: Handover, task: str, part: str, approach: pin.SE3, retract: pin.SE3
+    cell: Cell, work: Handover, part: str, taken: str, approach: pin.SE3, retract: pin.SE3
 ) -> list[TooNear]:
     """List the tools and part that lack clearance in a hand-over.
 
@@ -43,8 +43,8 @@ def too_near(
     Args:
         cell: with tools and parts.
         work: the hand-over.
-        task: its task's id.
         part: part as held by the giving tool; empty for nothing.
+        taken: part as held by the taking tool.
         approach: displacement of the taking tool to the start of its approach.
         retract: displacement of the giving tool to the end of its retract.
     """
@@ -63,7 +63,7 @@ def too_near(
         (begins, giving, gives, taking, arriving),
         (begins, part, held, taking, arriving),
         (ends, giving, retracted, taking, takes),
-        (ends, giving, retracted, part_as_held(part, task), held),
+        (ends, giving, retracted, taken, held),
     ]
     contacts = []
     for where, body, solids, other_body, other_solids in pairs:

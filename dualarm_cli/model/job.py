@@ -215,9 +215,12 @@ class Task:
     leaves: bool = False
     """Whether the part leaves the cell after it is placed."""
     grasp: Grasp | None = None
-    """Grasp of its part at pick and place, or None."""
+    """Grasp of its part at all its stops, or None."""
     grasps: tuple[Task, ...] = ()
-    """Task with each of its grasps, itself first, if the planner chooses; else empty."""
+    """Task with each of its grasps, itself first, if the planner chooses; else empty.
+
+    Both shares of a hand-over have the same pairs of grasps in the same order.
+    """
     care: Care = NO_CARE
     """Limits of the arm's motion throughout the task."""
     holding: Care = NO_CARE
@@ -247,9 +250,36 @@ class Task:
         x, y, z = stop.target.pose.rotation[2].tolist()
         return x, y, z
 
+    @property
+    def chosen(self) -> str:
+        """Name of its grasp, or of both tools' in a hand-over; empty for none."""
+        if self.handover is not None:
+            return self.handover.grasps
+        return "" if self.grasp is None else self.grasp.name
+
     def by_grasp(self, task: Task) -> Task:
-        """Replace grasp, part and stops by those of one of `grasps`; nothing stays open."""
-        return replace(self, stops=task.stops, part=task.part, grasp=task.grasp, grasps=())
+        """Replace grasp, grip, part and stops by those of one of `grasps`; nothing stays open."""
+        work, own = task.handover, self.handover
+        if work is not None and own is not None:
+            work = replace(work, giver=own.giver, taker=own.taker)
+        return replace(
+            self, stops=task.stops, part=task.part, grasp=task.grasp, handover=work, grasps=()
+        )
+
+    def by_arm(self, arm: str, other: str) -> Task:
+        """Assign the task to an arm, if any arm may do it, with giver and taker of a hand-over.
+
+        Args:
+            arm: the arm.
+            other: the other arm; empty for none.
+        """
+        if self.arm != ANY:
+            return self
+        work = self.handover
+        if work is not None:
+            giver, taker = (arm, other) if self.stops[-1].action == "give" else (other, arm)
+            work = replace(work, giver=giver, taker=taker)
+        return replace(self, arm=arm, handover=work)
 
     def held_before(self, action: str) -> str:
         """Name the object that the arm holds on arrival; empty for nothing."""
@@ -361,11 +391,12 @@ class Job(ShownInNotebooks):
         """Decide the grasps of tasks that leave them open.
 
         Args:
-            names: name of the grasp by task id; without one the first grasp is taken.
+            names: name of the grasp by task id, `top, side` for giver and taker of a hand-over; without one the
+                first grasp is taken.
         """
 
         def decided(task: Task) -> Task:
-            named = (t for t in task.grasps if t.grasp and t.grasp.name == names.get(task.id))
+            named = (t for t in task.grasps if t.chosen == names.get(task.id))
             return task.by_grasp(next(named, task)) if task.grasps else task
 
         return replace(self, tasks=tuple(map(decided, self.tasks)))

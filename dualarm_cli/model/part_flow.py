@@ -182,6 +182,8 @@ class Handover:
     """Place of the hand-over in its file."""
     upright: tuple[float, float, float] | None = None
     """Vertical at the pick in the taking tool's frame; None without a picked pose."""
+    grasps: str = ""
+    """Names of the giving and the taking tool's grasps; empty for a part without grasps."""
 
 
 @dataclass(frozen=True)

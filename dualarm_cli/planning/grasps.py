@@ -7,6 +7,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
+from dualarm_cli.clearing.blocked import grip_faults
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinds.planning import with_needs
 from dualarm_cli.model.job import Job, Task
@@ -24,7 +25,7 @@ from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification.as_done import job_as_done
 
 Choice = Mapping[str, str]
-"""Name of the grasp by task id."""
+"""Name of the grasp by task id, of both tools' grasps for a hand-over."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,8 @@ def possible_grasps(
     def reduced(task: Task) -> Task:
         good = tuple(t for k, t in enumerate(task.grasps) if (task.id, k) not in faults)
         if not good:
-            remaining.extend(faults.get((task.id, 0), []))
+            # Both shares of a hand-over have the same faults.
+            remaining.extend(f for f in faults[task.id, 0] if f not in remaining)
             return task
         return replace(task.by_grasp(good[0]), grasps=good if len(good) > 1 else ())
 
@@ -76,13 +78,9 @@ def _singles(job: Job) -> list[Choice]:
     """List the choices of every task's k-th grasp, for all k; at least an empty one."""
     longest = max([1, *(len(task.grasps) for task in job.tasks)])
     return [
-        {t.id: _name(t.grasps[k if k < len(t.grasps) else 0]) for t in job.tasks if t.grasps}
+        {t.id: t.grasps[k if k < len(t.grasps) else 0].chosen for t in job.tasks if t.grasps}
         for k in range(longest)
     ]
-
-
-def _name(task: Task) -> str:
-    return "" if task.grasp is None else task.grasp.name
 
 
 def quickest_by_grasps(
@@ -105,7 +103,7 @@ def quickest_by_grasps(
             resolve(decided, settings)
         except InfeasibleError as error:
             return error.refusals
-        return ()
+        return grip_faults(decided)
 
     watch.report("choosing grasps")
     job, impossible = possible_grasps(job, faults)
@@ -211,7 +209,7 @@ class _GraspSearch:
 
     def _in_order(self, schedule: Schedule, job: Job) -> Job:
         """Decide arms and order of the open job as in a plan; grasps stay open."""
-        options = {task.id: task.grasps for task in self.job.tasks}
+        options = {(task.id, task.stops[0].action): task.grasps for task in self.job.tasks}
         done = job_as_done(schedule, job)
         # Stands are visited again by the choice's own plan.
         tasks = [t for t in done.tasks if not t.is_change]
@@ -219,6 +217,6 @@ class _GraspSearch:
         stages = [tuple(key for key in stage if key in keys) for stage in done.pairing or ()]
         return replace(
             done,
-            tasks=tuple(replace(t, grasps=options[t.id]) for t in tasks),
+            tasks=tuple(replace(t, grasps=options[t.id, t.stops[0].action]) for t in tasks),
             pairing=tuple(filter(None, stages)) or None,
         )

@@ -1,8 +1,8 @@
-"""Grasps of parts, measured from the tool's poses at picks and places."""
+"""Grasps of parts, measured from the tool's poses at the stops of their tasks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,8 @@ from dualarm_cli.verification.tool_checks import pose_error
 def with_measured_grasps(schedule: Schedule, job: Job) -> Job:
     """Decide open grasps of a job by the tool's poses in a schedule.
 
-    A task gets the grasp whose targets its events miss least; of equal ones the stated one.
+    A task gets the grasp whose targets its events miss least; of equal ones the stated one. Both shares of a hand-over
+    get the same pair of grasps.
 
     Args:
         schedule: with the events of all arms.
@@ -26,21 +27,28 @@ def with_measured_grasps(schedule: Schedule, job: Job) -> Job:
     """
     if not any(task.grasps for task in job.tasks):
         return job
-    events = _events_by_task(schedule)
+    shares: dict[str, list[Task]] = {}
+    for task in job.tasks:
+        if task.grasps:
+            shares.setdefault(task.id, []).append(task)
 
-    def measured(task: Task) -> Task:
-        if not task.grasps:
-            return task
-        task_events = events.get(task.id, ())
-        stated = task_events[0].grasp if task_events else ""
-        best = min(task.grasps, key=lambda t: (_error(t, task_events), _name(t) != stated))
-        return task.by_grasp(best)
+    def miss(choices: Sequence[Task]) -> tuple[float, bool]:
+        pairs = [(task, _events_of(schedule, task)) for task in choices]
+        stated = all(event.grasp == _name(task) for task, events in pairs for event in events[:1])
+        return max(_error(task, events) for task, events in pairs), not stated
 
-    return replace(job, tasks=tuple(map(measured, job.tasks)))
+    chosen: dict[tuple[str, str], Task] = {}
+    for name, tasks in shares.items():
+        best = min(zip(*(task.grasps for task in tasks), strict=True), key=miss)
+        chosen.update(
+            {(name, t.stops[0].action): choice for t, choice in zip(tasks, best, strict=True)}
+        )
+    decided = (t.by_grasp(chosen[t.id, t.stops[0].action]) if t.grasps else t for t in job.tasks)
+    return replace(job, tasks=tuple(decided))
 
 
 def check_grasps(schedule: Schedule, job: Job) -> list[Check]:
-    """Check that tasks pick and place by one allowed grasp, the stated one.
+    """Check that tasks pick and place, or give, by one allowed grasp, the stated one.
 
     Args:
         schedule: the schedule to check.
@@ -55,18 +63,19 @@ def check_grasps(schedule: Schedule, job: Job) -> list[Check]:
     ]
     if not grasped and not wrong:
         return []
-    events = _events_by_task(schedule)
     for task in grasped:
         by_grasp = {_name(choice): choice for choice in task.grasps or (task,)}
         used: list[set[str]] = []
-        for event in events.get(task.id, ()):
+        for event in _events_of(schedule, task):
             used.append({n for n, t in by_grasp.items() if _error(t, [event]) <= TOL.pose_distance})
             if event.grasp not in used[-1]:
                 measured = " or ".join(sorted(used[-1])) or "no allowed grasp"
                 stated = event.grasp or "none"
                 wrong.append(f"{event.task} ({event.action}): {stated} stated, {measured} measured")
         if used and all(used) and not set.intersection(*used):
-            wrong.append(f"{task.id} is not placed by the grasp of its pick")
+            first, last = task.stops[0].action, task.stops[-1].action
+            done = "given" if last == "give" else "placed"
+            wrong.append(f"{task.id} is not {done} by the grasp of its {first}")
     where = "; ".join(wrong[:3]) or "at every pick and place"
     return [judge("grasps", float(len(wrong)), 0.0, where)]
 
@@ -75,13 +84,10 @@ def _name(task: Task) -> str:
     return "" if task.grasp is None else task.grasp.name
 
 
-def _events_by_task(schedule: Schedule) -> Mapping[str, Sequence[Event]]:
-    """Collect the events of each task at targets of grasps."""
-    events: dict[str, list[Event]] = {}
-    for event in schedule.events:
-        if event.action in ("pick", "place", "move"):
-            events.setdefault(event.task, []).append(event)
-    return events
+def _events_of(schedule: Schedule, task: Task) -> Sequence[Event]:
+    """List the events at the stops of a task; in a hand-over those of one share."""
+    actions = [stop.action for stop in task.stops]
+    return [e for e in schedule.events if e.task == task.id and e.action in actions]
 
 
 def _error(task: Task, events: Sequence[Event]) -> float:

@@ -47,7 +47,7 @@ def met(apart: float) -> Handover:
 def found(cell: Cell, apart: float, approach: float, retract: float, part: str = "bar") -> list:
     """What is too near: first word of where, bodies, margin in mm."""
     drawn = [LineDirection().back(np.eye(3), length) for length in (approach, retract)]
-    rows = too_near(cell, met(apart), "flip", part, *drawn)
+    rows = too_near(cell, met(apart), part, f"{part}@flip", *drawn)
     return [(row.where, row.bodies, round(row.margin * 1000, 3)) for row in rows]
 
 

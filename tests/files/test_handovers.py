@@ -101,7 +101,7 @@ def test_without_a_part_nothing_is_carried(flip: Path, change: Change) -> None:
     [
         (("    place: {xyz: [0.2, -0.5, 0.8]}\n", ""), ["tasks.yaml:6:5: E202 'place' is missing: a hand-over has pick, handover and place"]),
         (("    pick: {at: bin, xyz: [0, 0, 50 mm]}\n", ""), ["tasks.yaml:6:5: E202 'pick' is missing: a hand-over has pick, handover and place"]),
-        ((", grip: {xyz: [0, 0, 100 mm], rpy: [180 deg, 0, 0]}", ""), ["tasks.yaml:10:15: E202 'grip' is missing, or 'grasp' of a part with grasps"]),
+        ((", grip: {xyz: [0, 0, 100 mm], rpy: [180 deg, 0, 0]}", ""), ["tasks.yaml:10:15: E202 'grip' is missing, or grasps of the part in the cell"]),
         (("grip: {xyz: [0, 0, 100 mm], rpy: [180 deg, 0, 0]}", "grip: {}"), ["tasks.yaml:10:64: E200 both tools in the same pose; give xyz, rpy or quat of the taking tool in the giving one's frame"]),
         (("at: bin, xyz: [0, 0, 0.3], rpy: [90 deg, 0, 0]", "joints: [0, 0]"), ["tasks.yaml:10:16: E200 'joints' does not go with 'handover': two tools meet there, so it must be a pose; give xyz, with rpy or quat"]),
         (("xyz: [0, 0, 0.3]", "xyz: [0, 0, 0.3], free: yaw"), ["tasks.yaml:10:43: E200 'free' does not go with 'handover': the taking tool's pose follows from the giving one's, so both must be fixed"]),
@@ -214,8 +214,9 @@ def test_grasps_of_both_tools_say_what_the_grip_says(tasks_folder: Path, tmp_pat
     stated, by_grasps = load_job(source / "tasks.yaml"), load_job(tmp_path / "tasks.yaml")
     assert [task.part for task in by_grasps.tasks[:2]] == [
         "bracket@above",
-        "bracket@above@flip-1",
+        "bracket@below",
     ]
+    assert [task.chosen for task in by_grasps.tasks[:2]] == ["above, below"] * 2
     for first, second in zip(stated.tasks, by_grasps.tasks, strict=True):
         for a, b in zip(first.stops, second.stops, strict=True):
             assert (a.action, a.approach, a.retract, a.dwell) == (

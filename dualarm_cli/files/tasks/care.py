@@ -67,7 +67,7 @@ def with_care(
         nonlocal cell
         care = read_care(sections[indices[task.id]])
         holding, part = cell.care.get(kind_of_part(task.part), NO_CARE), task.part
-        if task.stops and task.stops[0].action == "take":
+        if task.stops and task.stops[0].action == "take" and task.grasp is None:
             part = part_as_held(given_parts[task.id], task.id)
         elif part:
             tilt = min(care.tilt, holding.tilt)

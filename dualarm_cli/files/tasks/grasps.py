@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -39,13 +39,35 @@ def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> l
             reader.note((*loc, "grasp"), f"{part}; name them in the cell file, or remove 'grasp'")
         return _leaning(reader, section, loc, task)
     refuse_leaning(reader, section, loc, "its part has grasps; give it to them in the cell file")
-    chosen: dict[str, list[Grasp]] = {}
-    for grasp in grasps.values():
-        chosen.setdefault(grasp.of, []).append(grasp)
-    names = list(chosen) if section.grasp is None else section.grasp
-    if not _are_known(reader, loc, names, chosen) or not are_posed(reader, section, loc):
+    allowed = allowed_grasps(reader, loc, task.part, section.grasp)
+    if allowed is None or not are_posed(reader, section, loc):
         return [task]
-    return [_by_grasp(reader, section, loc, task, g) for name in names for g in chosen[name]]
+    return [_by_grasp(reader, section, loc, task, grasp) for grasp in allowed]
+
+
+def open_grasps(choices: Sequence[Task]) -> Task:
+    """Build a task whose grasp the planner chooses, from the task with each of its grasps."""
+    return replace(choices[0], grasps=tuple(choices[1:] and choices))
+
+
+def allowed_grasps(
+    reader: TaskReader, loc: Loc, part: str, names: list[str] | None
+) -> list[Grasp] | None:
+    """List the grasps of a part that are named, with their turns; None after noting an error.
+
+    Args:
+        reader: of the file; errors are noted there.
+        loc: mapping with the key `grasp`.
+        part: a part with grasps.
+        names: names in the file; None for all grasps.
+    """
+    chosen: dict[str, list[Grasp]] = {}
+    for grasp in reader.cell.grasps[part].values():
+        chosen.setdefault(grasp.of, []).append(grasp)
+    names = list(chosen) if names is None else names
+    if not _are_known(reader, loc, names, chosen):
+        return None
+    return [grasp for name in names for grasp in chosen[name]]
 
 
 def refuse_leaning(reader: TaskReader, section: TaskSection, loc: Loc, why: str) -> None:

@@ -17,7 +17,7 @@ from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.curves import CurveReader
-from dualarm_cli.files.tasks.grasps import grasped
+from dualarm_cli.files.tasks.grasps import grasped, open_grasps
 from dualarm_cli.files.tasks.schema_tasks import (
     SIGNAL_KEYS,
     DefaultsSection,
@@ -224,8 +224,7 @@ class TaskReader:
             choices = grasped(self, section, loc, task)
             for kind in self._kinds:
                 choices = [kind.task(self, section, loc, choice) for choice in choices]
-            choices = self.signalled(choices, section, loc)
-            tasks.append(replace(choices[0], grasps=tuple(choices[1:] and choices)))
+            tasks.append(open_grasps(self.signalled(choices, section, loc)))
         return tuple(tasks)
 
     def signalled(self, shares: Sequence[Task], section: TaskSection, loc: Loc) -> list[Task]:
@@ -251,13 +250,11 @@ class TaskReader:
             names = (getattr(source, key) for source in sources for key in keys)
             return next((name for name in names if name is not None), "")
 
-        return [
-            replace(
-                task,
-                stops=tuple(replace(stop, signal=signal(stop.action)) for stop in task.stops),
-            )
-            for task in shares
-        ]
+        def with_signals(task: Task) -> Task:
+            stops = tuple(replace(stop, signal=signal(stop.action)) for stop in task.stops)
+            return replace(task, stops=stops, grasps=tuple(map(with_signals, task.grasps)))
+
+        return [with_signals(task) for task in shares]
 
     def arm(self, section: TaskSection, loc: Loc) -> str | None:
         """Read the arm of a task, ANY for either; None after noting an unknown arm.

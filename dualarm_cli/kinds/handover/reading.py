@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
+from dualarm_cli.files.cells.grasps import MOST_GRASPS
 from dualarm_cli.files.cells.schema_cell import Line
 from dualarm_cli.files.source.fields import FramedPose, Name, ToolPose, refuse, to_se3
+from dualarm_cli.files.source.short_forms import OneOrMore
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
-from dualarm_cli.files.tasks.grasps import are_posed, refuse_leaning, stop_by_grasp
+from dualarm_cli.files.tasks.grasps import (
+    allowed_grasps,
+    are_posed,
+    open_grasps,
+    refuse_leaning,
+    stop_by_grasp,
+)
 from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.products import product
@@ -42,13 +50,13 @@ class HandoverSection(FramedPose):
     )
     grip: ToolPose | None = Field(
         default=None,
-        description="Pose of the taking tool's centre point in the frame of the giving tool's; required without "
-        "`grasp`.",
+        description="Pose of the taking tool's centre point in the frame of the giving tool's; required for a part "
+        "without grasps.",
     )
-    grasp: Name | None = Field(
+    grasp: Annotated[list[Name], OneOrMore(), Field(min_length=1)] | None = Field(
         default=None,
-        description="Grasp of the taking tool, in place of `grip`, for a part with grasps; the pose is then that of "
-        "the part.",
+        description="Grasp of the taking tool, or a list of grasps to choose from, for a part with grasps; default: "
+        "all of the part in the cell file. The pose is then that of the part, and `grip` follows.",
     )
     approach: Line | None = Field(
         default=None,
@@ -75,8 +83,6 @@ class HandoverSection(FramedPose):
             )
         if self.in_ is not None and self.at is not None:
             raise refuse("'in' and 'at' both name the frame; keep one", "in")
-        if self.grip is None and self.grasp is None:
-            raise refuse("'grip' is missing, or 'grasp' of a part with grasps", code="E202")
         if self.grip is None:
             return self
         if self.grasp is not None:
@@ -131,56 +137,79 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
     )
     meets = reader.targets.pose(handover, handover.at, place)
     stops = {stop.action: stop for stop in reader.stops(section, loc, arm, taker)}
-    grasps = _grasps(reader, section, handover.grasp, loc, part)
-    if meets is None or len(stops) < 2 or grasps is None:
+    pairs = _pairs(reader, section, handover, loc, part)
+    if meets is None or len(stops) < 2 or pairs is None:
         return []
-    pick, put, grip = stops["pick"], stops["place"], to_se3(handover.grip or ToolPose())
-    if grasps:
-        giving, taking = grasps
-        pick = stop_by_grasp(reader, section, loc, pick, giving)
-        put = stop_by_grasp(reader, section, loc, put, taking)
-        meets, grip = meets * giving.pose, giving.pose.actInv(taking.pose)
-        part = part_as_held(part, giving.name)
-    lines = pick.lines[1], put.lines[0]
-    if handover.retract is not None:
-        lines = reader.line(handover.retract, (*place, "retract")), lines[1]
-    if handover.approach is not None:
-        lines = lines[0], reader.line(handover.approach, (*place, "approach"))
-    whole = reader.task(section, loc, arm, (), part)
-    return handover_shares(whole, taker, (pick, put), (meets, grip), lines, reader.place(place))
+    pick, put = stops["pick"], stops["place"]
+    whole, where = reader.task(section, loc, arm, (), part), reader.place(place)
+
+    def shares(pick: Stop, put: Stop, meeting: tuple[pin.SE3, pin.SE3]) -> list[Task]:
+        lines = pick.lines[1], put.lines[0]
+        if handover.retract is not None:
+            lines = reader.line(handover.retract, (*place, "retract")), lines[1]
+        if handover.approach is not None:
+            lines = lines[0], reader.line(handover.approach, (*place, "approach"))
+        return handover_shares(whole, taker, (pick, put), meeting, lines, where)
+
+    if not pairs:
+        return shares(pick, put, (meets, to_se3(handover.grip or ToolPose())))
+    choices = []
+    for giving, taking in pairs:
+        grip = giving.pose.actInv(taking.pose)
+        by_giver = stop_by_grasp(reader, section, loc, pick, giving)
+        by_taker = stop_by_grasp(reader, section, loc, put, taking)
+        pair = shares(by_giver, by_taker, (meets * giving.pose, grip))
+        choices.append(_by_grasps(pair, part, (giving, taking)))
+    return [open_grasps(share) for share in zip(*choices, strict=True)]
 
 
-def _grasps(
-    reader: TaskReader, section: TaskSection, taking: str | None, loc: Loc, part: str
-) -> tuple[Grasp, ...] | None:
-    """Look up the grasps of both tools, none for a part without grasps.
-
-    None after noting an error.
-    """
-    grasps = reader.cell.grasps.get(part, {})
-    named: dict[Loc, list[str]] = {
-        (*loc, "grasp"): section.grasp or [],
-        (*loc, "handover", "grasp"): [taking] if taking else [],
-    }
-    if not grasps:
-        for where, names in named.items():
-            if names:
-                message = "the part has no grasps; name them in the cell file, or remove 'grasp'"
-                reader.note(where, message)
-        return None if any(named.values()) else ()
-    chosen = []
-    for where, names in named.items():
-        if len(names) == 1 and names[0] in grasps:
-            chosen.append(grasps[names[0]])
-            continue
-        names = list(dict.fromkeys(grasp.of for grasp in grasps.values()))
-        message = (
-            f"part {quote(part)} has grasps, so a hand-over names one of the giving tool, with `grasp` of the task, "
-            f"and one of the taking tool, with `grasp` of `handover`; grasps: {', '.join(names)}"
+def _by_grasps(shares: list[Task], part: str, grasps: tuple[Grasp, Grasp]) -> tuple[Task, ...]:
+    """Name the grasps of both shares of a hand-over, and the part as either tool holds it."""
+    names = ", ".join(grasp.name for grasp in grasps)
+    return tuple(
+        replace(
+            share,
+            part=part_as_held(part, grasp.name),
+            grasp=grasp,
+            handover=share.handover and replace(share.handover, grasps=names),
         )
-        reader.note(where, message)
+        for share, grasp in zip(shares, grasps, strict=True)
+    )
+
+
+def _pairs(
+    reader: TaskReader, section: TaskSection, handover: HandoverSection, loc: Loc, part: str
+) -> list[tuple[Grasp, Grasp]] | None:
+    """List the pairs of grasps of giving and taking tool, none for a part without grasps.
+
+    None after noting an error. Two tools cannot have the same grasp at once.
+    """
+    grip: Loc = (*loc, "handover", "grip")
+    if not reader.cell.grasps.get(part):
+        named = [where for where, key in ((loc, section), (grip[:-1], handover)) if key.grasp]
+        for where in named:
+            message = "the part has no grasps; name them in the cell file, or remove 'grasp'"
+            reader.note((*where, "grasp"), message)
+        if handover.grip is None and not named:
+            reader.note(grip[:-1], "'grip' is missing, or grasps of the part in the cell", "E202")
+        return None if named or handover.grip is None else []
+    if handover.grip is not None:
+        message = f"part {quote(part)} has grasps, from which the grip follows; remove 'grip'"
+        reader.note(grip, message)
         return None
-    return tuple(chosen) if are_posed(reader, section, loc) else None
+    giving = allowed_grasps(reader, loc, part, section.grasp)
+    taking = allowed_grasps(reader, grip[:-1], part, handover.grasp)
+    if giving is None or taking is None or not are_posed(reader, section, loc):
+        return None
+    pairs = [(give, take) for give in giving for take in taking if give.name != take.name]
+    if not 0 < len(pairs) <= MOST_GRASPS:
+        message = (
+            f"giving and taking tool have {len(pairs)} pairs of different grasps of part {quote(part)}; 1 to "
+            f"{MOST_GRASPS} are allowed: name some with 'grasp' of the task and 'grasp' of 'handover'"
+        )
+        reader.note(grip[:-1], message)
+        return None
+    return pairs
 
 
 def handover_shares(
@@ -230,8 +259,9 @@ def with_taken_parts(document: Document, model: TasksFile, job: Job) -> Job:
     cell = job.cell
     for task in job.tasks:
         work = task.handover
-        # The giving task comes first; the taking task's part is created here.
-        if work is not None and task.stops[0].action == "pick" and task.part:
+        # The giving task comes first; the taking task's part is created here. Held by a grasp it is in the cell.
+        gives = task.stops[0].action == "pick" and task.grasp is None
+        if work is not None and gives and task.part:
             cell = cell.with_held_part(task.part, task.id, work.grip)
     return replace(job, cell=cell)
 

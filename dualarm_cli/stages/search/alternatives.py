@@ -1,8 +1,8 @@
 """Choice among alternative targets of stops, such as grasps, on one grid of nodes.
 
 The nodes of all alternatives of a stop are one layer of the search of `node_plans`. A linked stop (the place of a
-part) takes the alternative of the arm's stop before (its pick). Each arm is clear of the cell at every node; whether
-the arms are clear of each other is for the plans to find out.
+part) takes the alternative of the arm's stop before (its pick), and the taker of a hand-over that of the giver. Each
+arm is clear of the cell at every node; whether the arms are clear of each other is for the plans to find out.
 """
 
 from __future__ import annotations

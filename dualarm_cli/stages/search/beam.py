@@ -16,6 +16,7 @@ from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.search.plan_clearance import step_waits
 from dualarm_cli.stages.search.potentials import (
     ArmLayers,
+    Layer,
     free_columns,
     platform_columns,
     start_coordinates,
@@ -333,6 +334,12 @@ def _paired(beam: _Beam, states: _States, k: int, rated: int | None) -> _Candida
     if len(options) == 2:
         cost_2, left_2, nodes_2 = options[1]
         cost = np.maximum(cost[..., :, None], cost_2[..., None, :])
+        if any(beam.problem.handing[k : k + 1]):
+            # Giver and taker have the same pair of grasps.
+            pair, pair_2 = (
+                _targets(arms[a].layers[k], o[2]) for a, o in zip(working, options, strict=True)
+            )
+            cost = np.where(pair[..., :, None] == pair_2[..., None, :], cost, np.float32(np.inf))
         left = np.maximum(left[..., :, None], left_2[..., None, :])
         chosen = [
             np.broadcast_to(nodes[..., :, None], cost.shape),
@@ -357,6 +364,12 @@ def _paired(beam: _Beam, states: _States, k: int, rated: int | None) -> _Candida
     by_angle = best // (total.size // (b * f))
     step = BeamStep(by_angle // f, node, by_angle % f)
     return _Candidates(step, spent.ravel()[best], total[best])
+
+
+def _targets(layer: Layer | None, nodes: IntArray) -> IntArray:
+    """Look up the target numbers of nodes; -1 for the padding beyond the last node."""
+    assert layer is not None  # the arm works
+    return np.append(layer.decisions.target, -1)[nodes]
 
 
 def _delayed(candidates: _Candidates, waits: FloatArray, kinds: IntArray | None) -> _Candidates:
