@@ -127,7 +127,7 @@ def grip_faults(job: Job) -> list[Refusal]:
             for stop, (length, line) in ((take, take.lines[0]), (give, give.lines[1]))
             if isinstance(stop.target, PoseTarget)
         ]
-        arms = [(arm.name, other.name) for arm, other in permutations(job.cell.robot.arms, 2)]
+        arms = permutations([arm.name for arm in job.cell.robot.arms], 2)
         works = [replace(work, giver=a, taker=b) for a, b in arms if task.allows(a)]
         contacts = [too_near(job.cell, work, task.part, taker.part, *drawn) for work in works]
         for contact in contacts[0] if all(contacts) else ():

@@ -258,26 +258,26 @@ class Task:
         return "" if self.grasp is None else self.grasp.name
 
     def by_grasp(self, task: Task) -> Task:
-        """Replace grasp, grip, part and stops by those of one of `grasps`; nothing stays open."""
-        work, own = task.handover, self.handover
-        if work is not None and own is not None:
-            work = replace(work, giver=own.giver, taker=own.taker)
+        """Replace grasp, grip, part and stops by those of one of `grasps`."""
+        work, assigned = task.handover, self.handover
+        if work is not None and assigned is not None:
+            work = replace(work, giver=assigned.giver, taker=assigned.taker)
         return replace(
             self, stops=task.stops, part=task.part, grasp=task.grasp, handover=work, grasps=()
         )
 
-    def by_arm(self, arm: str, other: str) -> Task:
+    def by_arm(self, arm: str, partner: str) -> Task:
         """Assign the task to an arm, if any arm may do it, with giver and taker of a hand-over.
 
         Args:
             arm: the arm.
-            other: the other arm; empty for none.
+            partner: the other arm; empty for none.
         """
         if self.arm != ANY:
             return self
         work = self.handover
         if work is not None:
-            giver, taker = (arm, other) if self.stops[-1].action == "give" else (other, arm)
+            giver, taker = (arm, partner) if self.stops[-1].action == "give" else (partner, arm)
             work = replace(work, giver=giver, taker=taker)
         return replace(self, arm=arm, handover=work)
 

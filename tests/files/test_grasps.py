@@ -199,7 +199,7 @@ def test_a_part_without_grasps_keeps_the_pose_of_the_tool(block: Path, change: C
         ("tasks.yaml", ("    part: block\n", "    grasp: top\n"), "tasks.yaml:8:12: E300 the task carries no part; name them in the cell file, or remove 'grasp'"),
         ("tasks.yaml", ("pick: {at: bin, xyz: [0, 0, 0]}", "pick: {joints: [0, 0]}"), "tasks.yaml:9:20: E300 the part has grasps, so its targets are poses of the part, which joint positions do not give; give xyz, with rpy or quat"),
         ("tasks.yaml", ("0.7]}", "0.7], free: yaw}"), "tasks.yaml:10:41: E300 it turns the part about its z axis, which is not the tool's in grasp 'side'; remove 'free', or that grasp from the task, or give the part `symmetry`"),
-        ("tasks.yaml", ("    place:", "    handover: {xyz: [0.3, 0, 1], grip: {xyz: [0, 0, 0.1]}}\n    place:"), "tasks.yaml:8:34: E300 part 'block' has grasps, from which the grip follows; remove 'grip'"),
+        ("tasks.yaml", ("    place:", "    handover: {xyz: [0.3, 0, 1], grip: {xyz: [0, 0, 0.1]}}\n    place:"), "tasks.yaml:10:40: E300 part 'block' has grasps, from which the grip follows; remove 'grip'"),
         ("cell.yaml", ("symmetry: 2", "symmetry: 2, free: yaw"), "cell.yaml:16:56: E200 a part that is round looks the same at every turn; keep 'free'"),
         ("cell.yaml", ("    mass: 2 kg", "    symmetry: 30\n    mass: 2 kg"), "cell.yaml:12:5: E300 part 'block' has 31 grasps with their turns, tilts and areas; at most 24: lower 'symmetry', or remove grasps or their 'free'"),
         ("cell.yaml", ("plain: {", "plain: {symmetry: 2, "), "cell.yaml:18:11: E200 it repeats grasps; name 'grasps', or remove it"),

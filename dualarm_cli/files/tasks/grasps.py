@@ -46,14 +46,16 @@ def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> l
 
 
 def open_grasps(choices: Sequence[Task]) -> Task:
-    """Build a task whose grasp the planner chooses, from the task with each of its grasps."""
+    """Build an open task from the task with each of its grasps."""
     return replace(choices[0], grasps=tuple(choices[1:] and choices))
 
 
 def allowed_grasps(
     reader: TaskReader, loc: Loc, part: str, names: list[str] | None
 ) -> list[Grasp] | None:
-    """List the grasps of a part that are named, with their turns; None after noting an error.
+    """List the named grasps of a part, with their turns.
+
+    None after noting an error.
 
     Args:
         reader: of the file; errors are noted there.

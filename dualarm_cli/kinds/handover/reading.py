@@ -164,7 +164,7 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
 
 
 def _by_grasps(shares: list[Task], part: str, grasps: tuple[Grasp, Grasp]) -> tuple[Task, ...]:
-    """Name the grasps of both shares of a hand-over, and the part as either tool holds it."""
+    """Set the grasps of a hand-over's shares, and the part as each tool holds it."""
     names = ", ".join(grasp.name for grasp in grasps)
     return tuple(
         replace(
@@ -180,9 +180,9 @@ def _by_grasps(shares: list[Task], part: str, grasps: tuple[Grasp, Grasp]) -> tu
 def _pairs(
     reader: TaskReader, section: TaskSection, handover: HandoverSection, loc: Loc, part: str
 ) -> list[tuple[Grasp, Grasp]] | None:
-    """List the pairs of grasps of giving and taking tool, none for a part without grasps.
+    """List the pairs of grasps of giving and taking tool.
 
-    None after noting an error. Two tools cannot have the same grasp at once.
+    Empty for a part without grasps; None after noting an error. Two tools cannot have the same grasp at once.
     """
     grip: Loc = (*loc, "handover", "grip")
     if not reader.cell.grasps.get(part):
