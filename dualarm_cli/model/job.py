@@ -215,7 +215,7 @@ class Task:
     leaves: bool = False
     """Whether the part leaves the cell after it is placed."""
     grasp: Grasp | None = None
-    """Grasp of its part at all its stops, or None."""
+    """Grasp of its part at every stop, or None."""
     grasps: tuple[Task, ...] = ()
     """Task with each of its grasps, itself first, if the planner chooses; else empty.
 
@@ -267,7 +267,9 @@ class Task:
         )
 
     def by_arm(self, arm: str, partner: str) -> Task:
-        """Assign the task to an arm, if any arm may do it, with giver and taker of a hand-over.
+        """Assign the task to an arm, if any arm may do it.
+
+        In a hand-over giver and taker are set.
 
         Args:
             arm: the arm.
