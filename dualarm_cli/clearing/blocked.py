@@ -13,7 +13,7 @@ from dualarm_cli.collision.clearance import LEVER
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.errors import BlockedError
 from dualarm_cli.geometry.elementary import TURN
-from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
+from dualarm_cli.model.job import ANY, Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
 
@@ -109,7 +109,7 @@ def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into
 def grip_faults(job: Job) -> list[Refusal]:
     """Refuse hand-overs whose tools or part are too close in every posture.
 
-    Hand-overs without fixed arms are refused if either giver's are.
+    Of those without fixed arms only pairs of grasps are checked, for either giver; the search of orders refuses others.
 
     Args:
         job: the job.
@@ -118,7 +118,7 @@ def grip_faults(job: Job) -> list[Refusal]:
     refusals = []
     for task in job.tasks:
         work, give = task.handover, task.stops[-1]
-        if work is None or give.action != "give":
+        if work is None or give.action != "give" or (task.arm == ANY and not work.grasps):
             continue
         taker = takers[task.id]
         take = taker.stops[0]
