@@ -118,7 +118,7 @@ def grip_faults(job: Job) -> list[Refusal]:
     refusals = []
     for task in job.tasks:
         work, give = task.handover, task.stops[-1]
-        if work is None or give.action != "give" or (task.arm == ANY and not work.grasps):
+        if work is None or give.action != "give" or (task.arm == ANY and task.grasp is None):
             continue
         taker = takers[task.id]
         take = taker.stops[0]

@@ -217,10 +217,7 @@ class Task:
     grasp: Grasp | None = None
     """Grasp of its part at every stop, or None."""
     grasps: tuple[Task, ...] = ()
-    """Task with each of its grasps, itself first, if the planner chooses; else empty.
-
-    Both shares of a hand-over have the same pairs of grasps in the same order.
-    """
+    """Task with each of its grasps, or pairs of them, itself first, if the planner chooses."""
     care: Care = NO_CARE
     """Limits of the arm's motion throughout the task."""
     holding: Care = NO_CARE
@@ -250,38 +247,10 @@ class Task:
         x, y, z = stop.target.pose.rotation[2].tolist()
         return x, y, z
 
-    @property
-    def chosen(self) -> str:
-        """Name of its grasp, or of both tools' in a hand-over; empty for none."""
-        if self.handover is not None:
-            return self.handover.grasps
-        return "" if self.grasp is None else self.grasp.name
-
     def by_grasp(self, task: Task) -> Task:
-        """Replace grasp, grip, part and stops by those of one of `grasps`."""
-        work, assigned = task.handover, self.handover
-        if work is not None and assigned is not None:
-            work = replace(work, giver=assigned.giver, taker=assigned.taker)
-        return replace(
-            self, stops=task.stops, part=task.part, grasp=task.grasp, handover=work, grasps=()
-        )
-
-    def by_arm(self, arm: str, partner: str) -> Task:
-        """Assign the task to an arm, if any arm may do it.
-
-        In a hand-over giver and taker are set.
-
-        Args:
-            arm: the arm.
-            partner: the other arm; empty for none.
-        """
-        if self.arm != ANY:
-            return self
-        work = self.handover
-        if work is not None:
-            giver, taker = (arm, partner) if self.stops[-1].action == "give" else (partner, arm)
-            work = replace(work, giver=giver, taker=taker)
-        return replace(self, arm=arm, handover=work)
+        """Replace what depends on the grasp by that of one of `grasps`."""
+        decided = replace(self, stops=task.stops, part=task.part, grasp=task.grasp, grasps=())
+        return replace(decided, handover=task.handover)
 
     def held_before(self, action: str) -> str:
         """Name the object that the arm holds on arrival; empty for nothing."""
@@ -393,12 +362,11 @@ class Job(ShownInNotebooks):
         """Decide the grasps of tasks that leave them open.
 
         Args:
-            names: name of the grasp by task id, `top, side` for giver and taker of a hand-over; without one the
-                first grasp is taken.
+            names: `choice` of the grasp by task id; without one the first grasp is taken.
         """
 
         def decided(task: Task) -> Task:
-            named = (t for t in task.grasps if t.chosen == names.get(task.id))
+            named = (t for t in task.grasps if t.grasp and t.grasp.choice == names.get(task.id))
             return task.by_grasp(next(named, task)) if task.grasps else task
 
         return replace(self, tasks=tuple(map(decided, self.tasks)))

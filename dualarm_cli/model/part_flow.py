@@ -182,8 +182,6 @@ class Handover:
     """Place of the hand-over in its file."""
     upright: tuple[float, float, float] | None = None
     """Vertical at the pick in the taking tool's frame; None without a picked pose."""
-    grasps: str = ""
-    """Names of the giving and the taking tool's grasps; empty for a part without grasps."""
 
 
 @dataclass(frozen=True)
@@ -267,6 +265,13 @@ class Grasp:
     """Straight retract from a target; None for the task's."""
     of: str = ""
     """Name in the cell file, without tilt, area or turn."""
+    pair: str = ""
+    """Names of the giving and the taking tool's grasps in a hand-over, else empty."""
+
+    @property
+    def choice(self) -> str:
+        """Name that decides it: its own, or that of the pair."""
+        return self.pair or self.name
 
     @property
     def is_on_axis(self) -> bool:

@@ -43,7 +43,7 @@ def by_one_arm(job: Job) -> list[Job]:
         return []
     if any(task.arm == ANY and task.handover is not None for task in job.tasks):
         return []
-    tasks = [tuple(task.by_arm(arm, _partner(arm, arms)) for task in job.tasks) for arm in arms]
+    tasks = [tuple(_assigned(task, arm, arms) for task in job.tasks) for arm in arms]
     jobs = [replace(job, order="given", tasks=assigned) for assigned in tasks]
     return [fixed for fixed in jobs if all(_in_a_row(fixed, row) for row in job.sequences)]
 
@@ -104,10 +104,22 @@ def decided(job: Job, model: CellModel, slots: IntArray) -> Job:
             doers.setdefault(id(task), (task, arm))
             stage.append((arm, task.id, stop.action))
         pairing.append(tuple(stage))
-    ordered = tuple(task.by_arm(arm, _partner(arm, arms)) for task, arm in doers.values())
+    ordered = tuple(_assigned(task, arm, arms) for task, arm in doers.values())
     return replace(job, tasks=ordered, order="given", pairing=tuple(pairing))
 
 
-def _partner(arm: str, arms: Sequence[str]) -> str:
-    """Name the other arm; empty for a single one."""
-    return next((name for name in arms if name != arm), "")
+def _assigned(task: Task, arm: str, arms: Sequence[str]) -> Task:
+    """Assign a task to an arm, if any arm may do it.
+
+    Giver and taker of a hand-over are set.
+    """
+    if task.arm != ANY:
+        return task
+    handover = task.handover
+    if handover is not None:
+        other_arm = next(name for name in arms if name != arm)
+        gives = task.stops[-1].action == "give"
+        handover = replace(
+            handover, giver=arm if gives else other_arm, taker=other_arm if gives else arm
+        )
+    return replace(task, arm=arm, handover=handover)

@@ -78,9 +78,13 @@ def _singles(job: Job) -> list[Choice]:
     """List the choices of every task's k-th grasp, for all k; at least an empty one."""
     longest = max([1, *(len(task.grasps) for task in job.tasks)])
     return [
-        {t.id: t.grasps[k if k < len(t.grasps) else 0].chosen for t in job.tasks if t.grasps}
+        {t.id: _name(t.grasps[k if k < len(t.grasps) else 0]) for t in job.tasks if t.grasps}
         for k in range(longest)
     ]
+
+
+def _name(task: Task) -> str:
+    return "" if task.grasp is None else task.grasp.choice
 
 
 def quickest_by_grasps(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.model.job import AT_STANDS, Job, StopKey, Task
+from dualarm_cli.model.job import ANY, AT_STANDS, Job, StopKey, Task
 from dualarm_cli.model.schedule import Event, Schedule, Stage
 from dualarm_cli.verification.grasp_checks import with_measured_grasps
 from dualarm_cli.verification.measuring.tolerances import TOL
@@ -29,7 +29,7 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
     changes = [task for kind in of_kinds("checks") for task in kind.added(schedule, job)]
     if job.is_decided:
         return replace(job, tasks=_with_changes(schedule, job, changes)) if changes else job
-    arms = [arm.name for arm in job.cell.robot.arms]
+    arms = {arm.name for arm in job.cell.robot.arms}
     first_events: dict[tuple[str, str], Event] = {}
     for event in in_time(schedule.events):
         if event.arm in arms:
@@ -46,9 +46,7 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
     started = [(task, first_event(task)) for task in (*job.tasks, *(task for _, task in changes))]
     started.sort(key=lambda item: np.inf if item[1] is None else item[1].time)
     tasks = [
-        task
-        if event is None
-        else task.by_arm(event.arm, next((name for name in arms if name != event.arm), ""))
+        replace(task, arm=event.arm) if task.arm == ANY and event is not None else task
         for task, event in started
     ]
     decided = replace(job, tasks=tuple(tasks), order="given")

@@ -216,7 +216,7 @@ def test_grasps_of_both_tools_say_what_the_grip_says(tasks_folder: Path, tmp_pat
         "bracket@above",
         "bracket@below",
     ]
-    assert [task.chosen for task in by_grasps.tasks[:2]] == ["above, below"] * 2
+    assert [task.grasp.choice for task in by_grasps.tasks[:2]] == ["above, below"] * 2
     for first, second in zip(stated.tasks, by_grasps.tasks, strict=True):
         for a, b in zip(first.stops, second.stops, strict=True):
             assert (a.action, a.approach, a.retract, a.dwell) == (

@@ -66,12 +66,12 @@ def test_pairs_are_of_different_grasps_and_the_same_for_both_tools(tmp_path: Pat
     tasks = TASKS.replace("    grasp: top\n", "").replace(", grasp: [near, below, askew]", "")
     job = job_of(tmp_path, tasks)
     giver, taker = (task.grasps for task in job.tasks)
-    names = [pair.chosen for pair in giver]
-    assert names == [pair.chosen for pair in taker]
+    names = [pair.grasp.choice for pair in giver]
+    assert names == [pair.grasp.choice for pair in taker]
     assert len(set(names)) == 12
     grasps = job.cell.grasps["bar"]
     for give, take in zip(giver, taker, strict=True):
-        assert f"{give.grasp.name}, {take.grasp.name}" == give.chosen
+        assert f"{give.grasp.name}, {take.grasp.name}" == give.grasp.choice
         part = give.stops[1].target.pose * grasps[give.grasp.name].pose.inverse()
         wanted = part * grasps[take.grasp.name].pose
         assert take.stops[0].target.pose.isApprox(wanted, 1e-9)
@@ -85,7 +85,7 @@ def test_pairs_with_colliding_tools_are_left_out(tmp_path: Path, arm: str) -> No
     job = job_of(tmp_path, TASKS.replace("arm: left", f"arm: {arm}"))
     possible, faults = possible_grasps(job, job_faults)
     assert not faults
-    names = [[pair.chosen for pair in task.grasps] for task in possible.tasks]
+    names = [[pair.grasp.choice for pair in task.grasps] for task in possible.tasks]
     assert names == [["top, below", "top, askew"]] * 2
 
 

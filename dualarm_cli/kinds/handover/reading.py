@@ -167,12 +167,7 @@ def _by_grasps(shares: list[Task], part: str, grasps: tuple[Grasp, Grasp]) -> tu
     """Set the grasps of a hand-over's shares, and the part as each tool holds it."""
     names = ", ".join(grasp.name for grasp in grasps)
     return tuple(
-        replace(
-            share,
-            part=part_as_held(part, grasp.name),
-            grasp=grasp,
-            handover=share.handover and replace(share.handover, grasps=names),
-        )
+        replace(share, part=part_as_held(part, grasp.name), grasp=replace(grasp, pair=names))
         for share, grasp in zip(shares, grasps, strict=True)
     )
 
