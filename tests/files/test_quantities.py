@@ -54,6 +54,11 @@ def test_units_become_si(value: object, dimension: Dimension, expected: float) -
             "unit 'kg' in '30 kg' is not one of length; allowed: m, mm, cm, um, in",
         ),
         (
+            "3 mm",
+            Dimension("direction component", {"": 1.0}, 1e3),
+            "'3 mm': direction component has no unit; write 3",
+        ),
+        (
             "30 mmm",
             q.LENGTH,
             "unit 'mmm' in '30 mmm' is not one of length; allowed: m, mm, cm, um, in",

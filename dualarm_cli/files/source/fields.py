@@ -200,7 +200,7 @@ class FramedPose(Pose):
     )
 
 
-DirectionPart = Annotated[float, Quantity(Dimension("part of a direction", {"": 1.0}, 1e3))]
+DirectionPart = Annotated[float, Quantity(Dimension("direction component", {"": 1.0}, 1e3))]
 
 
 class LineSection(Section):

@@ -93,6 +93,8 @@ def parse_quantity(
     unit = unit or dimension.unit
     if unit not in dimension.units:
         units = [name for name in dimension.units if name]
+        if not units:
+            raise QuantityError(f"{quote(value)}: {dimension.name} has no unit; write {number:g}")
         raise QuantityError(
             f"unit {quote(unit)} in {quote(value)} is not one of {dimension.name}"
             f"; allowed: {', '.join(units)}"
