@@ -202,7 +202,9 @@ def plan_command(
         if why:
             from dualarm_cli.cli.why import estimates_of
 
-            estimates_of(folder, tasks)
+            sentences = estimates_of(folder, tasks)[-1:]
+            if sentences and not (quiet or json_output):
+                print_message(sentences[0])
     for file, draw in figures.items():
         write_file(file, draw(schedule, job, file.suffix.lower().lstrip(".")), force=True)
     report: dict[str, Any] = {**plan.report}

@@ -165,9 +165,11 @@ def write_why(folder: Path, document: dict[str, Any]) -> None:
     replace_all(folder, {WHY: [text.encode()]} | ({PAGE: [page]} if page is not None else {}))
 
 
-def estimates_of(folder: Path, tasks: Path) -> None:
-    """Write the document of a plan that was just made, with estimates alone."""
-    write_why(folder, why_of(*_estimated(folder, tasks), []))
+def estimates_of(folder: Path, tasks: Path) -> list[str]:
+    """Write the document of a plan that was just made, with estimates alone; return its sentences."""
+    document = why_of(*_estimated(folder, tasks), [])
+    write_why(folder, document)
+    return list(document["sentences"])
 
 
 def _replanned(
