@@ -121,5 +121,10 @@ def tasks_of(schedule: Schedule, plan: Path) -> Path:
         with suppress(InputError):
             if hashlib.sha256(read_bytes(file, name)).hexdigest() == digest:
                 return file
-    why = f"{files[0]} has changed since" if files else f"there is no {name or 'task file'} here"
-    raise UsageError(f"the task file of the plan is not found: {why}; name it with --tasks")
+    if files:
+        raise UsageError(
+            f"{files[0]} has changed since the plan: plan it again, or name the file as it was with --tasks"
+        )
+    raise UsageError(
+        f"the task file of the plan is not found: there is no {name or 'task file'} here; name it with --tasks"
+    )

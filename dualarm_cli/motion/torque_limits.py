@@ -399,7 +399,9 @@ def _overload_data(
     robot = job.cell.robot
     effort = float(robot.torques.effort[joint])
     torque = abs(torque) + float(robot.torques.coulomb[joint])
-    loads = [f"{load.arm} {load.held.name}" for load in held]
+    arms = [arm.name for arm in robot.arms if robot.joints[joint] in arm.joints]
+    # A joint of an arm does not bear what the other arm carries.
+    loads = [f"{load.arm} {load.held.name}" for load in held if load.arm in arms or not arms]
     return (
         torque,
         effort,
