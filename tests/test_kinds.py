@@ -63,7 +63,7 @@ def shares(reader, section, loc):
     screw, place = section.screw, (*loc, "screw")
     arm, pose = reader.arm(section, loc), reader.targets.pose(screw, None, place)
     dwell = Dwell(gripper=screw.turns / RATE)
-    line = section.approach or 0.0
+    line = section.approach.distance if section.approach else 0.0
     stop = ScrewStop("move", PoseTarget(pose), line, line, dwell, reader.place(place), turns=screw.turns)
     return [reader.task(section, loc, arm, (stop,), "")]
 
