@@ -36,6 +36,7 @@ from dualarm_cli.files.source.quantities import Dimension
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.files.tasks.schema_tasks import EachSection, VariedTime
 from dualarm_cli.kinds import of_kinds
+from dualarm_cli.model.budget import TimeRange
 from dualarm_cli.schemas.kinds_of_files import INPUT_FILES
 from dualarm_cli.schemas.result_fields import REPORT, RESULTS, SCHEDULE, member_rows
 from dualarm_cli.verification.measuring.criteria import CRITERIA, Criterion
@@ -214,6 +215,8 @@ def _default(field: FieldInfo) -> str:
         if not given or short != list(given):
             return f"`{given}`" if given else ""
         [value] = given.values()
+    if isinstance(value, TimeRange):
+        value = value.nominal
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, float):
