@@ -36,7 +36,7 @@ from dualarm_cli.files.source.quantities import Dimension
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.files.tasks.schema_tasks import EachSection, VariedTime
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.model.budget import TimeRange
+from dualarm_cli.model.dwell import TimeRange
 from dualarm_cli.schemas.kinds_of_files import INPUT_FILES
 from dualarm_cli.schemas.result_fields import REPORT, RESULTS, SCHEDULE, member_rows
 from dualarm_cli.verification.measuring.criteria import CRITERIA, Criterion

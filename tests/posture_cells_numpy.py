@@ -13,7 +13,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_curves import flips
 from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from tests.ranges_numpy import Jet, Range, half, middle, seen
 

@@ -47,9 +47,9 @@ from dualarm_cli.model import settings
 from dualarm_cli.model.blending import BLENDINGS
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.model.job import Task
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
 from dualarm_cli.schemas import schema_of
 from dualarm_cli.timing import TIMING_SOLVERS

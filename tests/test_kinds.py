@@ -42,7 +42,7 @@ from dualarm_cli.files.source.fields import FramedPose
 from dualarm_cli.files.tasks.schema_tasks import TaskHead
 from dualarm_cli.files.tasks.task_reader import KindReading
 from dualarm_cli.kinds.screw import RATE, ScrewStop
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import PoseTarget
 
 

@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import Arm
-from dualarm_cli.model.trajectory import Trajectory
 
 INTERVALS, ITERATIONS = 24, 400
 """Number of intervals, and maximum number of IPOPT's iterations."""

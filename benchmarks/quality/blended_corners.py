@@ -32,9 +32,9 @@ from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import PATH_SAMPLES
 from dualarm_cli.postures import NoPosture
 from dualarm_cli.postures.arm_angle import choose_posture

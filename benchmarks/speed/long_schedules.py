@@ -22,9 +22,9 @@ import numpy as np
 
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.exporting.schedule_reader import read_schedule
-from dualarm_cli.model.joint_motion import JointMotion, lean
+from dualarm_cli.model.motion.joint_motion import JointMotion, lean
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
 
 

@@ -19,8 +19,8 @@ import ruckig
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.joint_axes import SrsGeometry
 from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.model.joint_motion import merge
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.joint_motion import merge
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.composition import concatenate, hold

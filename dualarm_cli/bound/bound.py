@@ -30,7 +30,7 @@ from dualarm_cli.bound.layers import StopCells, StopWork
 from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import TURN
-from dualarm_cli.model.rest_to_rest import PassingLaw
+from dualarm_cli.model.motion.rest_to_rest import PassingLaw
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem

@@ -12,7 +12,7 @@ from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.posture_source import PostureSource
 from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
+from dualarm_cli.model.motion.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells
 from dualarm_cli.records import dataclass
 

@@ -23,7 +23,7 @@ from dualarm_cli.geometry.programs import least_cost
 from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.notes import Note

@@ -14,7 +14,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinc
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.curved_transfers import Missing, ToolTimes, detour_pieces
 from dualarm_cli.motion.transfers import Drive

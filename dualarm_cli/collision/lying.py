@@ -16,7 +16,8 @@ from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import LYING, TAKES, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Handover, Line
+from dualarm_cli.model.lines import Line
+from dualarm_cli.model.part_flow import Handover
 from dualarm_cli.records import dataclass
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 
 

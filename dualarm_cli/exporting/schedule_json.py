@@ -11,10 +11,10 @@ from typing import Any
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.joint_motion import anchors
+from dualarm_cli.model.motion.joint_motion import anchors
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Schedule, Segment, Stage
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
 from dualarm_cli.records import field_values
 

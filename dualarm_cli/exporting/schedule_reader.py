@@ -19,8 +19,9 @@ from dualarm_cli.files.robots.urdf import read_urdf
 from dualarm_cli.files.source.text_source import read_text
 from dualarm_cli.geometry import products
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.budget import Dwell
-from dualarm_cli.model.joint_motion import JointMotion, followed
+from dualarm_cli.model.dwell import Dwell
+from dualarm_cli.model.motion.joint_motion import JointMotion, followed
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (
     Event,
@@ -33,7 +34,6 @@ from dualarm_cli.model.schedule import (
     Stage,
     WaitReason,
 )
-from dualarm_cli.model.trajectory import Trajectory
 
 SEGMENT_KINDS: tuple[str, ...] = get_args(SegmentKind)
 WAIT_REASONS: tuple[str, ...] = get_args(WaitReason)

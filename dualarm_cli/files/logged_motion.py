@@ -15,7 +15,7 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.text_source import TextSource, quote, read_text, suggest
 from dualarm_cli.files.source.yaml_source import MAX_NUMBER_LENGTH, parse_yaml
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import LoggedMotion
+from dualarm_cli.model.motion.joint_motion import LoggedMotion
 from dualarm_cli.records import dataclass
 
 

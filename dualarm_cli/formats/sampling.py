@@ -8,8 +8,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.interpolation import Interpolation, extrema, interpolated
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
 NANO = 1_000_000_000

@@ -17,8 +17,8 @@ from dualarm_cli.exporting.files import EVENTS, SAMPLES, TARGETS
 from dualarm_cli.formats.request import Column, ExportRequest, FileParts
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import StopKey
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.schedule import Event, Schedule, Segment
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.verification.as_done import events_by_stage
 from dualarm_cli.verification.measuring.tool_model import ToolModel
 

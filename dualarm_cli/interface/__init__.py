@@ -23,9 +23,9 @@ from dualarm_cli.exporting.whole_files import replace_all
 from dualarm_cli.formats import export
 from dualarm_cli.formats.request import COLUMNS, Column, ExportRequest, check_rate, columns_named
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import Blend, Effort, PlanSettings, Timing, check_effort, check_seed
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import planner

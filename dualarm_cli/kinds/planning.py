@@ -14,9 +14,9 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job, PoseTarget, Task
 from dualarm_cli.model.lying import lying_throughout
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import DURATION
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.notes import Note
 from dualarm_cli.postures.stage_plan import StagePlan

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dualarm_cli.model.job import Job, Stop
-from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
+from dualarm_cli.model.motion.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 from dualarm_cli.registry import Registry

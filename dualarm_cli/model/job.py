@@ -12,19 +12,11 @@ import pinocchio as pin
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.model.budget import Budget, Dwell, TimeRange
+from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.cell import Cell, Held
-from dualarm_cli.model.part_flow import (
-    NO_CARE,
-    Buffer,
-    Care,
-    Grasp,
-    Handover,
-    Line,
-    LineDirections,
-    OnBelt,
-    PoseRange,
-)
+from dualarm_cli.model.dwell import Dwell, TimeRange
+from dualarm_cli.model.lines import Line, LineDirections
+from dualarm_cli.model.part_flow import NO_CARE, Buffer, Care, Grasp, Handover, OnBelt, PoseRange
 from dualarm_cli.model.place import NOWHERE, Place, tasks_name
 from dualarm_cli.model.process_work import PathWork, SeamWork
 from dualarm_cli.model.robot import JointLimits

@@ -16,8 +16,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.elementary import cube
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.model.place import NOWHERE, Place
-from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.shape import Shape, VisualMesh
 from dualarm_cli.records import dataclass
 

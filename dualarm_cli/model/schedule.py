@@ -16,11 +16,11 @@ from dualarm_cli.errors import MissingDependencyError, UsageError, check_type
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import AFTER_DWELL, Job
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits, sliding_joints
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
 from dualarm_cli.records import ShownInNotebooks, dataclass
 

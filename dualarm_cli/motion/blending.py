@@ -15,7 +15,7 @@ import numpy as np
 
 from dualarm_cli.background import map_halves
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import (
     joints_along,
     rates_between,

@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import merge
+from dualarm_cli.model.motion.joint_motion import merge
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.waiting import with_ends
 from dualarm_cli.postures.stage_plan import ArmStop
 from dualarm_cli.records import dataclass

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.motion.blending import MIN_GAIN, adjacent_passings, with_launches
 from dualarm_cli.motion.curved_transfers import detour_pieces
 from dualarm_cli.motion.stop_motion import rates_between

@@ -10,8 +10,8 @@ import numpy as np
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import SegmentKind, WaitReason
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.curved_transfers import detour_pieces, moving_detour
 from dualarm_cli.motion.stop_motion import (

@@ -14,8 +14,8 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import JointTarget, PoseTarget
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import Event, SegmentKind, Stage, WaitReason
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import MotionBuilder
 from dualarm_cli.motion.transfers import (
     PLATFORM,

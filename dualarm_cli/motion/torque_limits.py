@@ -17,8 +17,8 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.model.schedule import Segment
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.payloads import PayloadSpan, carried_inertias, payload_spans
 from dualarm_cli.motion.timed_work import timed_spans

@@ -20,8 +20,8 @@ from dualarm_cli.geometry.linear_systems import solve
 from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.programs import plain_piqp
 from dualarm_cli.kinematics.dynamics import Dynamics
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
 

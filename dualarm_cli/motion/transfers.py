@@ -14,10 +14,10 @@ from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, Stop
-from dualarm_cli.model.rest_to_rest import rest_to_rest_duration
+from dualarm_cli.model.motion.rest_to_rest import rest_to_rest_duration
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import TOOL_SPEED
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.care import MotionLimits
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind
-from dualarm_cli.model.trajectory import SAME_TIME
 
 MOVES = ("transfer", "return")
 """Segments that lead to the start of a line."""

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import JointMotion, jerk_knots
+from dualarm_cli.model.motion.joint_motion import JointMotion, jerk_knots
 
 
 def packed(values: Any, kind: str) -> str:

@@ -15,7 +15,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import with_needs
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import CHANGES, Job
-from dualarm_cli.model.joint_motion import lean
+from dualarm_cli.model.motion.joint_motion import lean
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import within_torques

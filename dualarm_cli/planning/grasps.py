@@ -11,9 +11,9 @@ from dualarm_cli.clearing.blocked import grip_faults
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinds.planning import with_needs
 from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.orders.decided_jobs import stage_by_stage
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.planned_job import resolve

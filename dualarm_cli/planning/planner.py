@@ -13,9 +13,9 @@ from dualarm_cli.bound.job_bound import JobBound
 from dualarm_cli.effort import TrialEffort, less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.notes import is_about
 from dualarm_cli.orders.decided_jobs import by_one_arm, file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch

@@ -10,7 +10,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.kinematics.posture_source import Posture, PostureSource
-from dualarm_cli.model.part_flow import LineDirections
+from dualarm_cli.model.lines import LineDirections
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 

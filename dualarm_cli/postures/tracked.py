@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
 

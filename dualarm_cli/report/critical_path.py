@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.schedule import Schedule, Segment, Stage
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import PLATFORM, stages_of

@@ -15,9 +15,9 @@ import numpy as np
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.lying import lying_parts
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.place import tasks_name
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment, Stage, WaitReason
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.model.verification import Verification, nearest
 from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.notes import Note, filled

@@ -15,9 +15,9 @@ import numpy as np
 from dualarm_cli.geometry.elementary import cbrt
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
-from dualarm_cli.model.part_flow import Line, LineDirection
+from dualarm_cli.model.lines import Line, LineDirection
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.model.schedule import Event, Schedule, Segment, Stage
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.waiting import MOVES, whole_transfers
 from dualarm_cli.records import dataclass, field_values
 from dualarm_cli.timing.spline import largest_rates

@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.elementary import power
-from dualarm_cli.model.trajectory import SAME_TIME
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem
 from dualarm_cli.postures.arm_angle import choose_near
 from dualarm_cli.postures.reach import moved_flanges

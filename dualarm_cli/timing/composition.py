@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 
 SAME_POSITION = 1e-9
 """Largest distance of equal positions [rad]."""

@@ -1,4 +1,4 @@
-"""Trajectories of transfers in closed form; minimum times are in `model/rest_to_rest.py`."""
+"""Trajectories of transfers in closed form; minimum times are in `model/motion/rest_to_rest.py`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.elementary import cbrt, cube
-from dualarm_cli.model.rest_to_rest import RestToRest
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import TransferProblem

@@ -13,7 +13,7 @@ import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.line_profile import path_of, trajectory_of
 from dualarm_cli.timing.problem import LineProblem

@@ -20,8 +20,8 @@ from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.elementary import cbrt
 from dualarm_cli.geometry.products import product
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import LineProblem
 from dualarm_cli.timing.shapes import symmetric_grid

@@ -11,8 +11,8 @@ from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.elementary import cube
 from dualarm_cli.geometry.linear_systems import least_squares
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing import double_s
 from dualarm_cli.timing.composition import hold

@@ -11,7 +11,7 @@ import numpy as np
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import LineProblem
 from dualarm_cli.timing.spline import largest_rates

@@ -20,7 +20,7 @@ from dualarm_cli.compiled.transfer_times import (
     least_work,
 )
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
+from dualarm_cli.model.motion.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.records import dataclass
 
 SAME_LAW = 0.03

@@ -10,9 +10,9 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import arctan2
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.part_flow import NO_CARE, Care
 from dualarm_cli.model.schedule import Event, Schedule
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.measuring.tolerances import TOL

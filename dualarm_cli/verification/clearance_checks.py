@@ -22,8 +22,8 @@ from dualarm_cli.collision.solids import (
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import COLLISIONS, SHAPES, Check, StageClearance
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.clearance_proof import (

@@ -19,7 +19,7 @@ import pinocchio as pin
 from dualarm_cli.collision.solids import WORLD, Pair, Solid, geometry_model, solid_distance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
 

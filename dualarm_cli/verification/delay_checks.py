@@ -27,8 +27,8 @@ from dualarm_cli.collision.solids import (
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import LONGEST_DELAY, ArmDelay, Check, Verdict
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.clearance_checks import touching_spans

@@ -28,9 +28,9 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.lying import LyingPart, Visit, lying_parts, may_touch
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.clearance_proof import Windows
 from dualarm_cli.verification.measuring.holding_spans import Span, carrying_spans, overlaps, without

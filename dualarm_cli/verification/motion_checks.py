@@ -7,9 +7,9 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import ALL, JointMotion
+from dualarm_cli.model.motion.joint_motion import ALL, JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification.measuring.criteria import judge, not_checked
 from dualarm_cli.verification.measuring.tolerances import TOL

@@ -19,9 +19,9 @@ from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.interpolation import Interpolation, PiecewisePolynomial, interpolated
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.joint_motion import JointMotion, LoggedMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion, LoggedMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import COLLISIONS, Check, StageClearance, Verification
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.as_done import job_as_done

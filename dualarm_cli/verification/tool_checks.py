@@ -12,7 +12,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import TURN, arctan2
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
-from dualarm_cli.model.part_flow import LineDirection
+from dualarm_cli.model.lines import LineDirection
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass

@@ -18,8 +18,8 @@ from dualarm_cli.geometry.elementary import cos, sin
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
 from dualarm_cli.notes import listed
 from dualarm_cli.records import dataclass

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.budget import TimeRange
+from dualarm_cli.model.dwell import TimeRange
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.schedule import Schedule, Segment
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.records import dataclass
 
 FOR_OTHERS = frozenset({"partner", "end", "after", "buffer", "shared_zone"})

@@ -12,10 +12,10 @@ import pytest
 
 from dualarm_cli.clearing.torque_shapes import reshaped_within_torques
 from dualarm_cli.model.cell import Cell, Tool
-from dualarm_cli.model.joint_motion import merge
+from dualarm_cli.model.motion.joint_motion import merge
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Segment, Stage
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.timing.composition import concatenate, hold
 

@@ -11,7 +11,8 @@ import pytest
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Cell, Tool
-from dualarm_cli.model.part_flow import Handover, LineDirection
+from dualarm_cli.model.lines import LineDirection
+from dualarm_cli.model.part_flow import Handover
 from dualarm_cli.model.shape import Shape
 
 HALF = 0.02

@@ -12,8 +12,8 @@ from dualarm_cli.collision import lying
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.solids import WORLD, shape_solid
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, Obstacle
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import PoseTarget, Stop
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.shape import Shape

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.evaluation.draws import count_varying, drawn_job
-from dualarm_cli.model.budget import Dwell, TimeRange
+from dualarm_cli.model.dwell import Dwell, TimeRange
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.part_flow import PoseRange
 from tests.packing_tasks import packing_job

@@ -9,8 +9,9 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.exporting.files import write_schedule_set
-from dualarm_cli.model.budget import Dwell
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.dwell import Dwell
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (
     Event,
@@ -21,7 +22,6 @@ from dualarm_cli.model.schedule import (
     Segment,
     Stage,
 )
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check, Verification
 
 URDF = (

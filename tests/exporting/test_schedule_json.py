@@ -13,7 +13,7 @@ from dualarm_cli.cli.run import run
 from dualarm_cli.exporting import schedule_json
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.exporting.schedule_reader import read_schedule
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
 
 
 def written(schedule, files=None):

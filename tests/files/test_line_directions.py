@@ -9,7 +9,7 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Stop
-from dualarm_cli.model.part_flow import LineDirection
+from dualarm_cli.model.lines import LineDirection
 
 TASK = """\
 dualarm: tasks/1

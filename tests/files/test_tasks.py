@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import JointTarget, PoseTarget
 
 Change = Callable[..., None]

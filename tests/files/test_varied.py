@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.budget import TimeRange
+from dualarm_cli.model.dwell import TimeRange
 
 Change = Callable[..., None]
 GRIPPER = "gripper: 0.12 s"

@@ -17,8 +17,8 @@ from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.formats import tables
 from dualarm_cli.formats.request import COLUMNS, columns_named
 from dualarm_cli.formats.tables import samples_table
-from dualarm_cli.model.joint_motion import JointMotion
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from dualarm_cli.cli.parts.options import Blend
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 

@@ -12,9 +12,9 @@ import pytest
 
 from dualarm_cli import model
 from dualarm_cli.model.job import PoseTarget
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check, Verification
 
 

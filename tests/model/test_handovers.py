@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, Tool
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.part_flow import Handover, part_as_held
 from dualarm_cli.model.robot import Arm, JointLimits, Robot

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, ChangedTool, Tool, ToolChanges
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.part_flow import Conveyor, Handover, OnBelt, part_as_held
 from dualarm_cli.model.place import NOWHERE

@@ -11,9 +11,9 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.curves.tool_path import Line, ToolPath
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.robot import Arm, JointLimits, Robot

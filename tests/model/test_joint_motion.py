@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import JointMotion, anchors, followed, jerk_knots, lean, merge
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.joint_motion import (
+    JointMotion,
+    anchors,
+    followed,
+    jerk_knots,
+    lean,
+    merge,
+)
+from dualarm_cli.model.motion.trajectory import Trajectory
 
 NAMES = ("time", "position", "velocity", "acceleration")
 

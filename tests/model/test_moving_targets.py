@@ -14,7 +14,7 @@ import pytest
 
 import dualarm_cli.model
 from dualarm_cli.kinds.path.reading import PathSection
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import PoseTarget, Stop
 from dualarm_cli.model.part_flow import Conveyor, OnBelt
 from dualarm_cli.model.place import NOWHERE

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dualarm_cli.model.rest_to_rest import RestToRest, rest_to_rest_duration
+from dualarm_cli.model.motion.rest_to_rest import RestToRest, rest_to_rest_duration
 
 INF = np.inf
 

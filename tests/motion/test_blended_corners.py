@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.compiled import trajectories
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.launch import COMPARED, CUTS, PROFILES, launches
 from dualarm_cli.timing.line_ends import RANGES, Passings, quickest_pair, refined_pair

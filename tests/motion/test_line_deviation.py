@@ -10,7 +10,7 @@ import pytest
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import CHECKS_PER_KNOT, line_deviation
 from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.timing.spline import rest_to_rest_spline

@@ -13,10 +13,10 @@ from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Segment, Stage
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import SETTINGS, within_torques
 from tests.pendulum import GRAVITY, LENGTH, MASS, ONE, PART, pendulum

@@ -8,7 +8,7 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.orders.asynchronous.problem import ArmTasks, SequencingProblem
 from dualarm_cli.orders.paired.changes import closed
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder

@@ -18,11 +18,11 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import PoseTarget
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.part_flow import Buffer
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.orders.messages import check_reach
 from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.model.tool_changes import changes_of, with_changes

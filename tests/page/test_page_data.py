@@ -13,10 +13,10 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.part_flow import Buffer
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.page.packed import joint_knots
 from dualarm_cli.page.page_data import without_report
 from dualarm_cli.verification.clearance_proof import PROOF

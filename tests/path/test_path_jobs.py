@@ -15,7 +15,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.path.following import PATH_SOLVERS
 from dualarm_cli.kinds.path.measures import path_measures
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound

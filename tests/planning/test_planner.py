@@ -12,7 +12,7 @@ from dualarm_cli.errors import InfeasibleError, UnknownSolverError, UnsupportedE
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import PoseTarget
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.stages.method import MethodProblem
@@ -253,7 +253,7 @@ def test_joint_targets_of_both_arms_leave_the_platform_alone(packing):
 
 def test_picks_without_a_dwell_are_noted(packing):
     """A gripper that takes no time flatters the cycle."""
-    from dualarm_cli.model.budget import Dwell
+    from dualarm_cli.model.dwell import Dwell
 
     first = packing.tasks[0]
     hasty = dataclasses.replace(

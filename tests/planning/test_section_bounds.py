@@ -16,14 +16,14 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import kind_of
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.curves.contours import LineContour
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
 from dualarm_cli.model.curves.tool_path import Line, ToolPath
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.process_work import Hold, PathWork, SeamTool, SeamWork
-from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import bound_line

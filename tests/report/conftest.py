@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (
     Provenance,
@@ -20,7 +21,6 @@ from dualarm_cli.model.schedule import (
     Segment,
     Stage,
 )
-from dualarm_cli.model.trajectory import Trajectory
 
 JOINTS = ("turn", "left_a", "right_a")
 

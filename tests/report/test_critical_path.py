@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion import motion
 from dualarm_cli.motion.motion import realise

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
 from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
 from dualarm_cli.report.measures import bottlenecks, elbow_imbalance
 from dualarm_cli.report.sensitivity import sensitivity

@@ -13,7 +13,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.path import figures
 from dualarm_cli.kinds.path.figures import draw_paths
 from dualarm_cli.kinds.path.measures import path_curves, path_lines, path_measures, path_samples
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify

@@ -12,7 +12,7 @@ import pytest
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.comparison.schedule_comparison import compare_schedules

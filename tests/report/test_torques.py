@@ -14,9 +14,9 @@ from dualarm_cli.evaluation.evaluate import evaluation_of
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import Plan
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.page.page_data import torque_curves
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.report.console import summary_lines

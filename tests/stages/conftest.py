@@ -14,7 +14,7 @@ from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, JointTarget, Place, PoseTarget, Stop, Task
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.sequence_problem import sequence_problem

@@ -14,7 +14,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells, turned
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.candidates import flange_poses

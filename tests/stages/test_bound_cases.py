@@ -19,9 +19,9 @@ from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, JointTarget, Place, PoseTarget, Stop, Task
-from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
+from dualarm_cli.model.motion.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.potentials import transfer_table

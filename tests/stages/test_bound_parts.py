@@ -12,7 +12,7 @@ from dualarm_cli.bound.cells import Cells, LineToTarget, pose_cells
 from dualarm_cli.effort import Resolution
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from tests import posture_cells_numpy as in_numpy

@@ -13,7 +13,7 @@ from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.effort import Resolution
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
-from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
+from dualarm_cli.model.motion.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.stages.plans.launches import default_launches, with_best_launches
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.search import search

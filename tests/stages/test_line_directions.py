@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.part_flow import LineDirection, LineDirections
+from dualarm_cli.model.lines import LineDirection, LineDirections
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.stages.plans.candidates import Grid

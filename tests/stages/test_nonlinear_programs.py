@@ -13,7 +13,7 @@ import pytest
 from dualarm_cli.bound.bound import lower_bound
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.candidates import flange_poses
 from dualarm_cli.stages.plans.problem import SequenceProblem

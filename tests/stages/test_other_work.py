@@ -11,7 +11,7 @@ import pytest
 
 from dualarm_cli.bound.bound import OtherWork, lower_bound
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.rest_to_rest import PassingLaw
+from dualarm_cli.model.motion.rest_to_rest import PassingLaw
 from dualarm_cli.stages.plans.problem import SequenceProblem, StopTarget
 
 STAGES = 4

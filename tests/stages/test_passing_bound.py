@@ -13,7 +13,7 @@ from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.blending import BLENDINGS
-from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
+from dualarm_cli.model.motion.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.verification import verify

@@ -11,7 +11,7 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import JointTarget, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound

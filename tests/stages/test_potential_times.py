@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.compiled.transfer_times import boxes, gap_times, least_through, work_times
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.timing.transfer_table import TransferTable
 
 SIZES = [(1, 1, 1), (3, 7, 2), (48, 8, 4), (5, 9, 29), (20, 513, 6), (2, 1030, 29)]

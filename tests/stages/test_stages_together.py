@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.errors import InfeasibleError, UnknownSolverError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import PoseTarget
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.postures import reach
 from dualarm_cli.postures.problem import POSTURES
 from dualarm_cli.postures.stage_problems import Clock, stop_problems

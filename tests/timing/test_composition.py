@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.model.joint_motion import merge
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.joint_motion import merge
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.composition import concatenate, hold
 from dualarm_cli.timing.problem import TransferProblem

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.timing.double_s import fastest_phases, solve_transfer
 from dualarm_cli.timing.problem import TransferProblem
 

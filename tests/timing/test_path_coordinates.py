@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.timing.launch import launches, solve_launch
 from dualarm_cli.timing.line_profile import solve_line
 from dualarm_cli.timing.problem import LineProblem

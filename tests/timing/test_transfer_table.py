@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.timing.transfer_table import TransferTable
 
 LAWS = {

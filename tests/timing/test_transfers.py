@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import ruckig
 
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing import TIMING_SOLVERS, ruckig_
 from dualarm_cli.timing.problem import TransferProblem, why_jerk_limits_unsupported

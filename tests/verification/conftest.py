@@ -14,10 +14,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, Tool
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, Place, PoseTarget, Stop, Task
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import (
     Event,
@@ -28,7 +29,6 @@ from dualarm_cli.model.schedule import (
     Segment,
     Stage,
 )
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.measuring.line_spans import LineSpan, line_spans

@@ -16,8 +16,8 @@ from dualarm_cli.files.robots.meshes import read_hull
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import Plan
 from dualarm_cli.kinds.seam.checks import seam_touches
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Obstacle
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape

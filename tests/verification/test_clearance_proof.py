@@ -16,7 +16,7 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.verification.clearance_proof import ClearanceProof, UnprovenError, levers
 
 BALL = 0.1

@@ -8,15 +8,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, Tool
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.part_flow import Conveyor, OnBelt
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Provenance, Schedule, ScheduleRobot, Segment, Stage
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.measuring.line_spans import line_spans
 from dualarm_cli.verification.measuring.tool_model import ToolModel

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.solids import Pair, Solid, geometry_model
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.verification.delay_checks import ALWAYS, ArmPair, DelayProof, DelaySearch
 
 RADIUS = 0.05

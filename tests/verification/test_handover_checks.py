@@ -13,9 +13,9 @@ import pytest
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.handover.checks import _judge_still, handover_spans, handover_touches
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import touching_spans

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.verification import verify
 

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion import stop_motion
 from dualarm_cli.motion.stop_motion import solve_line
 from dualarm_cli.planning.planner import plan

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.measuring.criteria import judge
 from dualarm_cli.verification.motion_checks import (

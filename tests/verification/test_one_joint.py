@@ -8,15 +8,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell, Obstacle, Tool
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Job, JointTarget, Stop, Task
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Provenance, Schedule, ScheduleRobot, Segment, Stage
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
 
 URDF = """\

@@ -17,9 +17,9 @@ from dualarm_cli.kinds.path.checks import (
     along_path,
     check_paths,
 )
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.measuring.tool_model import ToolModel

@@ -10,7 +10,7 @@ import pytest
 from dualarm_cli.files.source.bundled import bundled_tasks
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.interpolation import INTERPOLATIONS
-from dualarm_cli.model.joint_motion import LoggedMotion
+from dualarm_cli.model.motion.joint_motion import LoggedMotion
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.verification.recorded_motion import TrackingLimits, judge_recorded

@@ -21,11 +21,11 @@ from dualarm_cli.kinds.seam.checks import (
     seam_touches,
 )
 from dualarm_cli.model.cell import Tool
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.process_work import Hold, SeamTool
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.measuring.line_spans import line_spans

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dualarm_cli.model.joint_motion import JointMotion
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.verification.stage_checks import check_segment_kinds, first_move
 
 FIRST, APPROACH, DWELL, SECOND, LAST_DWELL, BACK = 0, 1, 2, 4, 6, 8

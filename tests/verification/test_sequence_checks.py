@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.measuring.tool_model import ToolModel

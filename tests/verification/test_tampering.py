@@ -19,13 +19,13 @@ import pytest
 from dualarm_cli.collision.solids import cell_solids
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Obstacle
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.dwell import Dwell
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 

@@ -9,9 +9,9 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.model.budget import Budget
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import StageClearance, Verification
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget

@@ -9,9 +9,9 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InputError
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.schedule import ScheduleArm
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 AXES = ("1 0 0", "0 1 0", "0 0 1", "-1 0 0", "0 0 -1", "0.6 0 0.8", "1 2 -3")

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import JointTarget
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.verification import verify
 

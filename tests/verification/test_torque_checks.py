@@ -14,9 +14,9 @@ import pytest
 
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.model.cell import Cell, Held, Tool
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Event
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification.torque_checks import InverseDynamics, Payload, check_torques
 from tests.pendulum import ARM, GRAVITY, LENGTH, MASS, ONE, pendulum
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.budget import Budget, Dwell, TimeRange
+from dualarm_cli.model.budget import Budget
+from dualarm_cli.model.dwell import Dwell, TimeRange
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound

@@ -14,7 +14,7 @@ import pytest
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.model.cell import Tool
-from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.motion.joint_motion import JointMotion
 from dualarm_cli.verification import verify
 
 PATHS = ("distance", "angle", "progress", "speed", "time", "corners")

@@ -61,7 +61,7 @@ static void differentiate(const double *values, int64_t samples, int64_t width, 
     }
 }
 
-/* Compute the least time of a joint from rest to rest [s], as model/rest_to_rest.py. */
+/* Compute the least time of a joint from rest to rest [s], as model/motion/rest_to_rest.py. */
 static double rest_to_rest(double distance, double velocity, double acceleration, double jerk)
 {
     const double ramp = acceleration / jerk, half = 0.5 * acceleration * ramp;

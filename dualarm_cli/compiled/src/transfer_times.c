@@ -207,7 +207,7 @@ int least_work(const Laws *laws, const LineEnds *approach, const LineEnds *retra
     return 0;
 }
 
-/* Chains of joints from a target over retract, transfer and approach to the next target; method: `model/rest_to_rest.py`.
+/* Chains of joints from a target over retract, transfer and approach to the next target; method: `model/motion/rest_to_rest.py`.
 
    Least displacements on lines are towards their targets [steps]: rises, then falls; -1 if unknown. */
 typedef struct {

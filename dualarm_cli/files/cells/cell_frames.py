@@ -10,7 +10,7 @@ from dualarm_cli.files.source.fields import FramedPose, LineSection, to_se3
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.model.part_flow import Line, LineDirection
+from dualarm_cli.model.lines import Line, LineDirection
 
 WORLD = "world"
 """Name of the root frame."""

@@ -19,7 +19,8 @@ from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.fields import to_se3
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document
-from dualarm_cli.model.part_flow import Grasp, Line
+from dualarm_cli.model.lines import Line
+from dualarm_cli.model.part_flow import Grasp
 
 MOST_GRASPS = 24
 """Maximum number of grasps of a part, with those for turns, tilts and areas."""

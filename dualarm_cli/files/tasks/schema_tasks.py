@@ -40,7 +40,8 @@ from dualarm_cli.files.source.quantities import parse_quantity
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document
-from dualarm_cli.model.budget import Budget, CycleKind, TimeRange
+from dualarm_cli.model.budget import Budget, CycleKind
+from dualarm_cli.model.dwell import TimeRange
 from dualarm_cli.model.part_flow import PlaceOrder
 from dualarm_cli.model.place import Place
 

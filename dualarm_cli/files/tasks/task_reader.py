@@ -29,10 +29,11 @@ from dualarm_cli.files.tasks.schema_tasks import (
 )
 from dualarm_cli.files.tasks.target_reader import TargetReader
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.model.budget import Dwell, TimeRange
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.dwell import Dwell, TimeRange
 from dualarm_cli.model.job import ANY, Action, Job, JointTarget, Stop, Task
-from dualarm_cli.model.part_flow import Line, LineDirections, kind_of_part
+from dualarm_cli.model.lines import Line, LineDirections
+from dualarm_cli.model.part_flow import kind_of_part
 from dualarm_cli.model.place import Place
 from dualarm_cli.records import dataclass
 

@@ -22,7 +22,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinds.conveyor.meeting import ConveyorMeeting, MissedError, Times, met_times
 from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.model.job import Job, Stop, Task
-from dualarm_cli.model.trajectory import SAME_TIME
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.torque_limits import within_torques
 from dualarm_cli.notes import Note, NoteTable

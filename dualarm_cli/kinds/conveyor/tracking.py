@@ -16,8 +16,8 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import cbrt, cube
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinds.conveyor.tracking_torques import TrackingTorques
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.postures import StopPosture, StopProblem
 from dualarm_cli.postures.stop_lines import flange_poses
 from dualarm_cli.postures.tracked import Tracked, TrackingPhases

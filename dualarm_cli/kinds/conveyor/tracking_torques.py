@@ -9,7 +9,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.cell import Cell, Held
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.motion.torque_limits import least_slowing
 from dualarm_cli.postures.stage_plan import ArmStop
 from dualarm_cli.records import dataclass

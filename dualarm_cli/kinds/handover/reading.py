@@ -26,13 +26,8 @@ from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFil
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import (
-    Grasp,
-    Handover,
-    LineDirection,
-    LineDirections,
-    part_as_held,
-)
+from dualarm_cli.model.lines import LineDirection, LineDirections
+from dualarm_cli.model.part_flow import Grasp, Handover, part_as_held
 from dualarm_cli.model.place import Place
 
 _NO_FREEDOM = {

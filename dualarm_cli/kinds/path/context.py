@@ -20,8 +20,8 @@ from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH, Poses, ToolPath
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.model.process_work import PathWork
-from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.double_s import fastest_phases

@@ -12,7 +12,7 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinds.path.following import PathMotion, PathProblem
 from dualarm_cli.kinds.path.following.velocity import pose_error
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.motion.torque_limits import SETTINGS
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal

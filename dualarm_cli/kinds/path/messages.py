@@ -12,9 +12,9 @@ from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.path.motion import FollowedPath, Refused, Remedy
 from dualarm_cli.kinematics.whole_body import Reached
 from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.process_work import PathWork
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.notes import NoteTable
 from dualarm_cli.refusals import Refusal
 

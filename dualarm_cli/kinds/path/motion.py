@@ -22,8 +22,8 @@ from dualarm_cli.kinds.path.following.problem import singular_there
 from dualarm_cli.kinds.path.following.velocity import corrected
 from dualarm_cli.kinds.path.joining import Joined, instants, path_deviation, target_error
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.process_work import PathWork
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal

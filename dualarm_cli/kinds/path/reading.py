@@ -30,7 +30,7 @@ from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import cos, sin
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import PoseTarget, Stop, Task
 from dualarm_cli.model.process_work import PathWork
 

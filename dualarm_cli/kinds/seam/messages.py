@@ -8,8 +8,8 @@ from dualarm_cli.errors import Diagnostic, did_you_mean
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam
 from dualarm_cli.kinds.seam.motion import TimedSeam
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.process_work import SeamWork
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.notes import NoteTable
 from dualarm_cli.refusals import Refusal
 

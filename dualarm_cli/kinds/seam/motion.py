@@ -14,9 +14,9 @@ from dualarm_cli.geometry.arrays import distinct
 from dualarm_cli.geometry.elementary import power
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.path import SeamPath
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.process_work import SeamWork, longest_ramp
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.spline import clamped_spline, largest_rates, rest_to_rest_spline

@@ -26,9 +26,9 @@ from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.kinds.seam.record import PlannedSeam, quicker_seam
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.process_work import SeamWork
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.torque_limits import least_slowing
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass

@@ -24,8 +24,8 @@ from dualarm_cli.kinds.seam.plan import SeamPlanner
 from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.job import Job, PoseTarget
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.process_work import SeamWork
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.notes import Note
 from dualarm_cli.refusals import Refusal

@@ -16,7 +16,6 @@ from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import TURN, sin
 from dualarm_cli.kinds.seam.schema import CoordinateSection, FeatureSection, HoldSection, SeamTask
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.curves.contours import Contour, Ellipse, LineContour, Saddle, SphereArc
 from dualarm_cli.model.curves.feature_curve import (
     FeatureCurve,
@@ -27,6 +26,7 @@ from dualarm_cli.model.curves.feature_curve import (
     sharpest_roll,
 )
 from dualarm_cli.model.curves.point_spline import PointSpline
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import SeamTarget, Stop, Task
 from dualarm_cli.model.process_work import Hold, SeamTool, SeamWork
 from dualarm_cli.records import dataclass

@@ -8,10 +8,10 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.motion import TimedSeam
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Task
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import MotionBuilder
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal

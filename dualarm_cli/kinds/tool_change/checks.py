@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import field
 
 from dualarm_cli.geometry.products import norm
-from dualarm_cli.model.budget import Dwell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Action, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check

@@ -18,7 +18,7 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.kinds.tool_change.cell_reading import NO_TOOL
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY, PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import LineDirections
+from dualarm_cli.model.lines import LineDirections
 
 COAXIAL = 1e-6
 """Largest distance between the z axes of a tool and the arm's own [m].

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.orders.rules.stores import Stores
 from dualarm_cli.orders.rules.tool_stands import ToolStands
 from dualarm_cli.records import dataclass

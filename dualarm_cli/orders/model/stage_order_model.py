@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.orders.model.buffer_numbers import job_stores
 from dualarm_cli.orders.model.meeting import handovers_of, meeting_costs, pair_handover_postures
 from dualarm_cli.orders.model.order_model import NODES, OrderModel

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dualarm_cli.geometry.arrays import IntArray
-from dualarm_cli.model.budget import Dwell
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import Action, Job, PoseTarget, Stop, StopKey, Task
 from dualarm_cli.orders.paired.problem import IDLE
 

@@ -25,8 +25,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.lying import Visit, lying_parts, lying_throughout
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.model.schedule import Segment
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.care import MotionLimits
 from dualarm_cli.motion.transfers import (

@@ -10,8 +10,8 @@ from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.schedule import WaitReason
-from dualarm_cli.model.trajectory import SAME_TIME
 from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_path
 from dualarm_cli.orders.model.buffer_numbers import used_buffers
 from dualarm_cli.planning.asynchronous.own_clock import (

@@ -15,8 +15,8 @@ import numpy as np
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.model.schedule import Event, Segment, Stage, WaitReason
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import concatenate, hold

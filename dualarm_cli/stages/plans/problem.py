@@ -14,8 +14,8 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.posture_source import PostureSource
 from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
-from dualarm_cli.model.part_flow import LineDirections
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.lines import LineDirections
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SequenceClearance

@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.background import map_halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.programs import least_cost
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans import passing
 from dualarm_cli.stages.plans.problem import SequenceProblem

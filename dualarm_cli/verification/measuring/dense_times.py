@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.verification.measuring.tolerances import TOL
 from dualarm_cli.verification.measuring.tool_model import ToolModel
 

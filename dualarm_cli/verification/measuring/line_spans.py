@@ -14,7 +14,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.job import Job, Stop
-from dualarm_cli.model.part_flow import Line
+from dualarm_cli.model.lines import Line
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.measuring.dense_times import AT_ONCE, dense_spans

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dualarm_cli.model.trajectory import SAME_TIME
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.records import dataclass
 
 

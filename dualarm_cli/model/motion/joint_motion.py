@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct, frozen
-from dualarm_cli.model.trajectory import SAME_TIME, Trajectory
+from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
 from dualarm_cli.records import dataclass
 
 SAME_JERK = 1e-9
