@@ -1,1 +1,1 @@
-"""Motion of joints as data: trajectories, splines of one or several joints, and times from rest to rest."""
+"""Motion of joints: trajectories, splines of joint groups, and times from rest to rest."""
