@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import field, replace
 
 import numpy as np
@@ -50,8 +51,23 @@ def possible_grasps(
 
     Args:
         job: with open grasps.
-        find: lists the faults of a job with decided grasps.
+        find: lists the faults of a job with decided grasps, at least one if there are any.
     """
+    reduced, remaining = _without_faults(job, find)
+    # The fault of one task may have hidden those of others.
+    while not remaining and _open_count(reduced) < _open_count(job):
+        job = reduced
+        reduced, remaining = _without_faults(job, find)
+    return reduced, remaining
+
+
+def _open_count(job: Job) -> int:
+    return sum(len(task.grasps) for task in job.tasks)
+
+
+def _without_faults(
+    job: Job, find: Callable[[Job], Sequence[Refusal]]
+) -> tuple[Job, list[Refusal]]:
     faults: dict[tuple[str, int], list[Refusal]] = {}
     remaining: list[Refusal] = []
     open_ids = {task.id for task in job.tasks if task.grasps}
@@ -182,31 +198,35 @@ class _GraspSearch:
         """Estimate the cycle time of choices in a decided order [s], fastest first."""
         if decided.in_sections:
             return
-        choices = _singles(decided)
-        works = [resolve(decided.with_grasps(choice), self.settings) for choice in choices]
-        jobs = [
-            with_needs(w.guessed if decided.mode == "paired" else stage_by_stage(w.guessed))
-            for w in works
-        ]
-        problems = [
-            sequence_problem(work.model, job, Holding.of(job))
-            for work, job in zip(works, jobs, strict=True)
-        ]
-        stages, names = jobs[0].stages(), list(works[0].model.arms)
-        counts = {task.id: len(task.grasps) for task in decided.tasks}
+        choices, jobs, problems = [], [], []
+        for choice in _singles(decided):
+            # Each stop is possible by itself, but perhaps not in this order.
+            with suppress(InfeasibleError):
+                work = resolve(decided.with_grasps(choice), self.settings)
+                guess = work.guessed
+                job = with_needs(guess if decided.mode == "paired" else stage_by_stage(guess))
+                problems.append(sequence_problem(work.model, job, Holding.of(job)))
+                choices.append(choice)
+                jobs.append(job)
+        if not jobs:
+            return
+        stages, names = jobs[0].stages(), [arm.name for arm in decided.cell.robot.arms]
+        open_ids = {task.id for task in decided.tasks if task.grasps}
         shape = len(choices), len(names), len(stages)
         offered, linked = np.zeros(shape, dtype=np.bool_), np.zeros(shape[1:], dtype=np.bool_)
         offered[0] = True
         for k, work in enumerate(stages):
             for arm, (task, stop) in work.items():
-                if count := counts.get(task.id, 0):
-                    offered[:count, names.index(arm), k] = True
+                if task.id in open_ids:
+                    grasps = [choice[task.id] for choice in choices]
+                    firsts = [grasps.index(name) for name in dict.fromkeys(grasps)]
+                    offered[firsts, names.index(arm), k] = True
                     linked[names.index(arm), k] = stop is not task.stops[0]
         for ranked in ranked_choices(problems, offered, linked, self.settings.effort):
             choice = {}
             for k, work in enumerate(stages):
                 for arm, (task, _) in work.items():
-                    if counts.get(task.id):
+                    if task.id in open_ids:
                         number = int(ranked.chosen[names.index(arm), k])
                         choice[task.id] = choices[number][task.id]
             yield ranked.total, choice

@@ -97,6 +97,13 @@ def test_impossible_grasps_are_left_out(pegs: Job) -> None:
         plan_without_bound(only, SETTINGS)
 
 
+def test_faults_that_hide_others_are_all_found(pegs: Job) -> None:
+    """As of a search that ends at the first of them."""
+    job, faults = possible_grasps(pegs, lambda decided: job_faults(decided)[:1])
+    assert not faults
+    assert [len(task.grasps) for task in job.tasks] == [2, 2]
+
+
 def test_a_single_possible_grasp_is_taken(pegs: Job) -> None:
     """One of two grasps of every task is in the table: the plan is that of the other one."""
     tasks = [dataclasses.replace(t, grasps=(t.grasps[2], t.grasps[0])) for t in pegs.tasks]
