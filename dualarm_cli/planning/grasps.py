@@ -202,10 +202,10 @@ class _GraspSearch:
         for choice in _singles(decided):
             # Each stop is possible by itself, but perhaps not in this order.
             with suppress(InfeasibleError):
-                work = resolve(decided.with_grasps(choice), self.settings)
-                guess = work.guessed
+                resolved = resolve(decided.with_grasps(choice), self.settings)
+                guess = resolved.guessed
                 job = with_needs(guess if decided.mode == "paired" else stage_by_stage(guess))
-                problems.append(sequence_problem(work.model, job, Holding.of(job)))
+                problems.append(sequence_problem(resolved.model, job, Holding.of(job)))
                 choices.append(choice)
                 jobs.append(job)
         if not jobs:
