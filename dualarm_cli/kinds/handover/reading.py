@@ -10,7 +10,7 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from dualarm_cli.files.cells.grasps import MOST_GRASPS
-from dualarm_cli.files.cells.schema_cell import Line
+from dualarm_cli.files.cells.schema_cell import Line as LineKey
 from dualarm_cli.files.source.fields import FramedPose, Name, ToolPose, refuse, to_se3
 from dualarm_cli.files.source.short_forms import OneOrMore
 from dualarm_cli.files.source.text_source import quote
@@ -26,7 +26,7 @@ from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFil
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
-from dualarm_cli.model.lines import LineDirection, LineDirections
+from dualarm_cli.model.lines import Line, LineDirections
 from dualarm_cli.model.part_flow import Grasp, Handover, part_as_held
 from dualarm_cli.model.place import Place
 
@@ -53,11 +53,11 @@ class HandoverSection(FramedPose):
         description="Grasp of the taking tool, or a list of grasps to choose from, for a part with grasps; default: "
         "all of the part in the cell file. The pose is then that of the part, and `grip` follows.",
     )
-    approach: Line | None = Field(
+    approach: LineKey | None = Field(
         default=None,
         description="Straight approach of the taking tool [m]; default: that of the place.",
     )
-    retract: Line | None = Field(
+    retract: LineKey | None = Field(
         default=None,
         description="Straight retract of the giving tool [m]; default: that of the pick.",
     )
@@ -138,12 +138,11 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
     pick, put = stops["pick"], stops["place"]
     whole, where = reader.task(section, loc, arm, (), part), reader.place(place)
 
+    away = handover.retract and reader.line(handover.retract, (*place, "retract"))
+    towards = handover.approach and reader.line(handover.approach, (*place, "approach"))
+
     def shares(pick: Stop, put: Stop, meeting: tuple[pin.SE3, pin.SE3]) -> list[Task]:
-        lines = pick.lines[1], put.lines[0]
-        if handover.retract is not None:
-            lines = reader.line(handover.retract, (*place, "retract")), lines[1]
-        if handover.approach is not None:
-            lines = lines[0], reader.line(handover.approach, (*place, "approach"))
+        lines = away or pick.lines[1], towards or put.lines[0]
         return handover_shares(whole, taker, (pick, put), meeting, lines, where)
 
     if not pairs:
@@ -174,21 +173,21 @@ def _pairs(
 
     Empty for a part without grasps; None after noting an error. Two tools cannot have the same grasp at once.
     """
-    grip: Loc = (*loc, "handover", "grip")
+    place: Loc = (*loc, "handover")
     if not reader.cell.grasps.get(part):
-        named = [where for where, key in ((loc, section), (grip[:-1], handover)) if key.grasp]
+        named = [where for where, keys in ((loc, section), (place, handover)) if keys.grasp]
         for where in named:
             message = "the part has no grasps; name them in the cell file, or remove 'grasp'"
             reader.note((*where, "grasp"), message)
         if handover.grip is None and not named:
-            reader.note(grip[:-1], "'grip' is missing, or grasps of the part in the cell", "E202")
+            reader.note(place, "'grip' is missing, or grasps of the part in the cell", "E202")
         return None if named or handover.grip is None else []
     if handover.grip is not None:
         message = f"part {quote(part)} has grasps, from which the grip follows; remove 'grip'"
-        reader.note(grip, message)
+        reader.note((*place, "grip"), message)
         return None
     giving = allowed_grasps(reader, loc, part, section.grasp)
-    taking = allowed_grasps(reader, grip[:-1], part, handover.grasp)
+    taking = allowed_grasps(reader, place, part, handover.grasp)
     if giving is None or taking is None or not are_posed(reader, section, loc):
         return None
     pairs = [(give, take) for give in giving for take in taking if give.name != take.name]
@@ -197,7 +196,7 @@ def _pairs(
             f"giving and taking tool have {len(pairs)} pairs of different grasps of part {quote(part)}; 1 to "
             f"{MOST_GRASPS} are allowed: name some with 'grasp' of the task and 'grasp' of 'handover'"
         )
-        reader.note(grip[:-1], message)
+        reader.note(place, message)
         return None
     return pairs
 
@@ -207,7 +206,7 @@ def handover_shares(
     taker: str,
     stops: tuple[Stop, Stop],
     meeting: tuple[pin.SE3, pin.SE3],
-    lines: tuple[tuple[float, LineDirection], tuple[float, LineDirection]],
+    lines: tuple[Line, Line],
     place: Place,
 ) -> list[Task]:
     """Create the giving task, pick and give, and the taking one, take and place.
