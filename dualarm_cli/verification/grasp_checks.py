@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -31,18 +32,12 @@ def with_measured_grasps(schedule: Schedule, job: Job) -> Job:
     for task in job.tasks:
         if task.grasps:
             shares.setdefault(task.id, []).append(task)
-
-    def miss(choices: Sequence[Task]) -> tuple[float, bool]:
-        pairs = [(task, _events_of(schedule, task)) for task in choices]
-        stated = all(event.grasp == _name(task) for task, events in pairs for event in events[:1])
-        return max(_error(task, events) for task, events in pairs), not stated
-
     chosen: dict[tuple[str, str], Task] = {}
     for name, tasks in shares.items():
-        best = min(zip(*(task.grasps for task in tasks), strict=True), key=miss)
-        chosen.update(
-            {(name, t.stops[0].action): choice for t, choice in zip(tasks, best, strict=True)}
-        )
+        events = [_events_of(schedule, task) for task in tasks]
+        choices = zip(*(task.grasps for task in tasks), strict=True)
+        for choice in min(choices, key=partial(_miss, events)):
+            chosen[name, choice.stops[0].action] = choice
     decided = (t.by_grasp(chosen[t.id, t.stops[0].action]) if t.grasps else t for t in job.tasks)
     return replace(job, tasks=tuple(decided))
 
@@ -78,6 +73,18 @@ def check_grasps(schedule: Schedule, job: Job) -> list[Check]:
             wrong.append(f"{task.id} is not {done} by the grasp of its {first}")
     where = "; ".join(wrong[:3]) or "at every pick and place"
     return [judge("grasps", float(len(wrong)), 0.0, where)]
+
+
+def _miss(events: Sequence[Sequence[Event]], choice: Sequence[Task]) -> tuple[float, bool]:
+    """Measure the largest error of events from a choice, and whether it is not stated.
+
+    Args:
+        events: of each share, one for a task without a hand-over.
+        choice: the shares with one grasp, or one pair.
+    """
+    shares = list(zip(choice, events, strict=True))
+    stated = all(event.grasp == _name(task) for task, of_share in shares for event in of_share[:1])
+    return max(_error(task, of_share) for task, of_share in shares), not stated
 
 
 def _name(task: Task) -> str:
