@@ -50,8 +50,8 @@ def faulty(value: str, key: str) -> list[str]:
 
 VALUES = [
     *[(key, "0", "must be at least 0.001") for key in ("speed", "acceleration")],
-    *[(key, "-20 %", "must be at least 0.001") for key in ("speed", "acceleration")],
-    *[(key, "120 %", "must be at most 1") for key in ("speed", "acceleration")],
+    *[(key, "-20 %", "must be at least 0.1 %") for key in ("speed", "acceleration")],
+    *[(key, "120 %", "must be at most 100 %") for key in ("speed", "acceleration")],
     *[(key, "50", "must be at most 1") for key in ("speed", "acceleration")],
     *[(key, "0.5 m/s", "allowed: %") for key in ("speed", "acceleration")],
     *[
@@ -68,9 +68,9 @@ VALUES = [
     ("tool_speed", "50 %", "allowed: m/s, mm/s"),
     ("tool_speed", "'0,5'", "write a decimal point: 0.5"),
     ("tool_speed", "{max: 1}", "must be a number such as"),
-    ("tilt", "0", "must be at least 0.01"),
-    ("tilt", "-10 deg", "must be at least 0.01"),
-    ("tilt", "91 deg", "must be at most 1.5708"),
+    ("tilt", "0", "must be at least 0.01 rad"),
+    ("tilt", "-10 deg", "must be at least 0.572958 deg"),
+    ("tilt", "91 deg", "must be at most 90 deg"),
     ("tilt", "10", "did you mean '10 deg'?"),
     ("tilt", "10 mm", "allowed: rad, mrad, deg"),
     ("tilt", "true", "must be a number such as '30 deg'"),

@@ -84,7 +84,7 @@ def test_a_part_on_a_sloping_belt_is_where_it_has_got_to() -> None:
 
 MISTAKES = [
     ("cell.yaml", ("velocity: [0, -150 mm/s, 0]", "velocity: [0, 0, 0]"), "a conveyor must move by 0.1 mm/s or more"),
-    ("cell.yaml", ("velocity: [0, -150 mm/s, 0]", "velocity: [0, 20, 0]"), "speed must be at most 10"),
+    ("cell.yaml", ("velocity: [0, -150 mm/s, 0]", "velocity: [0, 20, 0]"), "speed must be at most 10 m/s"),
     ("cell.yaml", ("velocity: [0, -150 mm/s, 0]", "velocity: [0, 1]"), "3"),
     ("cell.yaml", ("velocity: [0, -150 mm/s, 0]", "velocity: [0, 1, 0], in: nowhere"), "the cell has no frame 'nowhere'"),
     ("tasks.yaml", ("conveyor: belt", "conveyor: bolt"), "the cell has no conveyor 'bolt', did you mean 'belt'?"),

@@ -128,7 +128,7 @@ def test_a_file_of_points_becomes_touches(project: Path) -> None:
         ("name: P2", "name: P1", "8:12: E102 duplicate point 'P1', first at line 7"),
         ("origin: P3", "origin: P4", "4:9: E300 'P4' cannot be the origin; the first three points are: P1, P2, P3"),
         ("noise: 0.5 mm", "noise: 0", "3:8: E200 0: length must be positive"),
-        ("noise: 0.5 mm", "noise: 0.5", "3:8: E200 0.5: length must be at most 0.1"),
+        ("noise: 0.5 mm", "noise: 0.5", "3:8: E200 0.5: length must be at most 0.1 m"),
         ("fit: [tool]", "fit: [toool]", "5:7: E200 'toool' is not allowed, did you mean 'tool'? Allowed: tool, base_height"),
         ("robot: qin_150", "robot: qin_15", None),
         ("robot: qin_150", "robot: sda10f", "2:15: E300 Yaskawa Motoman SDA10F has 2 arms; each robot of a pair must have exactly one"),

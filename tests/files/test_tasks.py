@@ -121,7 +121,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("cell: cell.yaml", "cell: file:///etc/passwd", "2:7: E500 'file:///etc/passwd' must be a relative path with forward slashes"),
         ("cell: cell.yaml", "cell: none.yaml", "2:7: E500 there is no file 'none.yaml' here"),
         ("cell: cell.yaml", "cell: .", "2:7: E500 '.' is a directory; name a file in it"),
-        ("order: given", "order: given\nspeed: 120%", "5:8: E200 '120%': fraction must be at most 1"),
+        ("order: given", "order: given\nspeed: 120%", "5:8: E200 '120%': fraction must be at most 100 %"),
         ("order: given", "order: given\nreturn: yes", "5:9: E200 must be true or false, not 'yes'"),
         ("order: given", "order: given\norder: given", "5:1: E102 duplicate key 'order', first at line 4"),
         ("order: given", "order: given\nlimits: {tool_speed: 0}", "5:22: E200 0: speed must be positive"),

@@ -25,7 +25,12 @@ from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError, core_schema
 
 from dualarm_cli.files.source import quantities
-from dualarm_cli.files.source.quantities import Dimension, QuantityError, parse_quantity
+from dualarm_cli.files.source.quantities import (
+    Dimension,
+    QuantityError,
+    parse_quantity,
+    split_quantity,
+)
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.model.part_flow import PoseRange
 from dualarm_cli.records import dataclass
@@ -79,11 +84,18 @@ class Quantity:
         except QuantityError as error:
             raise refuse(str(error)) from None
         if number < self.low:
-            relation = "positive" if 0.0 < self.low < 1e-3 else f"at least {self.low:g}"
+            relation = "at least " + self._limit(value, self.low)
+            relation = "positive" if 0.0 < self.low < 1e-3 else relation
             raise refuse(f"{quote(value)}: {self.dimension.name} must be {relation}")
         if number > self.high:
-            raise refuse(f"{quote(value)}: {self.dimension.name} must be at most {self.high:g}")
+            most = self._limit(value, self.high)
+            raise refuse(f"{quote(value)}: {self.dimension.name} must be at most {most}")
         return number
+
+    def _limit(self, value: object, limit: float) -> str:
+        """Format a limit [SI] in the unit of a value."""
+        unit = (isinstance(value, str) and split_quantity(value)[1]) or self.dimension.unit
+        return f"{limit / self.dimension.units[unit]:g} {unit}".rstrip() if limit else "0"
 
     def __get_pydantic_core_schema__(
         self, source: type[Any], handler: GetCoreSchemaHandler
