@@ -215,19 +215,20 @@ def _lever(
 def changed_by(pairs: Sequence[tuple[str, Amount, Amount]]) -> str:
     """Describe a change by its old and new value, or by a percentage.
 
-    A percentage is that of places with different values.
+    A percentage, or the least and the greatest, is that of places with different values.
 
     Args:
-        pairs: key, old value and new value of each place; all change by one factor.
+        pairs: key, old value and new value of each place.
     """
     words = set()
     for key, old, new in pairs:
         unit = "" if old.unit else PLAIN_UNITS.get(key, "")
         words.add(f"{old.shown} to {new.shown} {unit}".rstrip())
-    _, old, new = pairs[0]
-    if len(words) == 1 or not old.si:
+    shares = sorted(new.si / old.si for _, old, new in pairs if old.si)
+    if len(words) == 1 or not shares:
         return min(words)
-    return f"{100.0 * (new.si / old.si - 1.0):+.3g}%"
+    ends = (f"{100.0 * (share - 1.0):+.3g}%" for share in (shares[0], shares[-1]))
+    return " to ".join(dict.fromkeys(ends))
 
 
 def _named(places: Mapping[str, list[Loc]], role: str, *names: str) -> list[tuple[str, Loc]]:

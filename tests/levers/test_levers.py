@@ -160,6 +160,7 @@ def test_times_that_vary_and_care_are_levers(cell: Path) -> None:
     [careful] = [t for t in load_job(cell, None, by_name["care"].values).tasks if t.id == "a"]
     assert (careful.care.speed, careful.holding.acceleration) == pytest.approx((1.0, 0.6))
     assert not by_name["care"].is_modelled
+    assert by_name["care"].change == "+11.1% to +20%"
 
 
 def test_the_largest_estimate_is_said_where_nothing_is_replanned() -> None:
