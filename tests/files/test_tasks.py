@@ -98,6 +98,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("symmetry: 2", "quat: [0, 0, 0, 0]", "11:41: E200 a quaternion [x, y, z, w] must have length 1, not 0; divide by its length"),
         ("symmetry: 2", "quat: [0, 0, 0, 1], rpy: [0, 0, 0]", "11:35: E200 rpy and quat both give the rotation; keep one"),
         ("symmetry: 2", "symmetry: 361", "11:45: E200 361 must be at most 360"),
+        ("symmetry: 2", "symmetry: 2, free: yaw", "11:35: E200 'free: yaw' and 'symmetry' both give the allowed turns; keep one"),
         ("symmetry: 2", "symmetry: 2.0", "11:45: E200 must be a whole number, not 2.0"),
         ("xyz: [0.2, 0.5, 0.8], ", "", "11:12: E200 no target; give xyz ([0, 0, 0] at the frame), with rpy or quat, joints or posture"),
         ("at: bin.slot", "at: bin.slit", "10:16: E300 the cell has no frame 'bin.slit', did you mean 'bin.slot'? It has: bin, bin.slot, world"),

@@ -274,6 +274,10 @@ class TargetSection(FramedPose):
             )
         if self.in_ is not None and self.at is not None:
             raise refuse("'in' and 'at' both name the frame; keep one", "in")
+        if self.free is not None and self.free.turn is not None and self.symmetry is not None:
+            raise refuse(
+                "'free: yaw' and 'symmetry' both give the allowed turns; keep one", "symmetry"
+            )
         return self
 
 
