@@ -57,10 +57,15 @@ def check_care(schedule: Schedule, job: Job, model: ToolModel) -> list[Check]:
         if span.care.slows:
             value, what = _largest_share(schedule, span, model)
             rates.add(value, f"{what} from {span.start:.3f} s to {span.end:.3f} s ({span.task})")
-    for span, leaning, at in _leaning(schedule, spans, model):
-        tilt.add(leaning / span.care.tilt, f"{span.arm} at {at:.3f} s ({span.task})")
-    # An angle of measurement is a share of the limit, largest of the smallest one.
-    off = TOL.pose_angle / min((task.tilt for task in job.tasks), default=np.inf)
+    off = 0.0
+    leans = list(_leaning(schedule, spans, model))
+    # The error of measurement is an angle, and so a larger share of a smaller limit.
+    if leans:
+        span, angle, at = max(
+            leans, key=lambda lean: (lean[1] - TOL.pose_angle) / lean[0].care.tilt
+        )
+        tilt.add(angle / span.care.tilt, f"{span.arm} at {at:.3f} s ({span.task})")
+        off = TOL.pose_angle / span.care.tilt
     named = ((rates, "care", TOL.tool_speed_slack), (tilt, "tilt", off))
     limited = job.slows, any(task.tilt < np.inf for task in job.tasks)
     return [

@@ -19,6 +19,9 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import tool_checks, verify
+from dualarm_cli.verification.as_done import job_as_done
+from dualarm_cli.verification.care_checks import check_care
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 CARE = Care(speed=0.5, acceleration=0.8, tool_speed=0.5)
 STEP = 2e-4
@@ -151,6 +154,13 @@ def test_parts_lean_as_far_as_the_tool_that_holds_them(
     found = check_of(plan, job, "tilt")
     assert found.measured == pytest.approx(largest_angle, abs=2e-3)
     assert found.verdict == "failed" and largest_angle > 3.0  # brackets are turned over
+    # 1e-6 rad beyond its limit is the error of measurement, however small the limits of others are.
+    for beyond, verdict in ((0.5e-6, "passed"), (5e-6, "failed")):
+        job = job_as_done(plan, careful(flip, holding=Care(tilt=found.measured - beyond)))
+        other = dataclasses.replace(job.tasks[0], id="other", holding=Care(tilt=0.01))
+        job = dataclasses.replace(job, tasks=(*job.tasks, other))
+        [check] = check_care(plan, job, ToolModel(plan))
+        assert check.verdict == verdict
 
 
 def test_the_planner_measures_the_same_angles(flip: Job, quick_plan: Callable[[str], Any]) -> None:
