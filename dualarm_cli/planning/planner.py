@@ -159,7 +159,8 @@ def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
         failure = error
     filed = file_order(work.job)
     if filed is not None and not filed.is_decided and isinstance(failure, BlockedError):
-        filed = None  # the search for its arms would meet the same again
+        # The search for its arms would meet the same again, but for weight that no arm carries.
+        filed = None if failure.stages or failure.unheld else filed
     if best is not None and _is_slower_as_filed(best, watch, work.effort.trials):
         filed = None
     if filed is not None and (best is None or not watch.stop()):

@@ -120,6 +120,23 @@ def test_where_every_order_collides_one_arm_does_the_tasks_of_either(made, monke
     assert schedule.duration == pytest.approx(min(alone), abs=1e-9)
 
 
+def test_the_files_order_is_planned_where_a_joint_without_an_arms_load_is_overloaded(
+    made, monkeypatch
+):
+    """Weight that no arm carries, such as on the platform, excludes no arms: those of the file are searched."""
+    searched, calls = ordered_plan._searched, []
+
+    def blocked_at_first(*arguments, **named):
+        calls.append(arguments)
+        if len(calls) == 1:
+            raise BlockedError(Refusal("not_clear"), stages=())
+        return searched(*arguments, **named)
+
+    monkeypatch.setattr(ordered_plan, "_searched", blocked_at_first)
+    schedule = plan_without_bound(made([move("a", 0.3), move("b", -0.3)]), QUICK)
+    assert order_note("of_file") in schedule.notes
+
+
 def test_an_open_order_is_not_slower_than_the_same_file_with_its_order_given(made, monkeypatch):
     """Also where the search estimates less than its plan takes: nothing better than one stop after the other."""
 
