@@ -44,10 +44,7 @@ class LeverSizes:
 
 
 SIZES = LeverSizes()
-CLEARANCE, SKEW, MASS, CARE = "clearance", "skew", "mass of tools and parts", "care"
-BLEND, START = "blend", "start"
-UNMODELLED = (CLEARANCE, SKEW, MASS, CARE, BLEND)
-"""Levers whose gain is in fewer collisions, smaller torques, corners, or limits of single stages."""
+CLEARANCE, MASS, BLEND, START = "clearance", "mass of tools and parts", "blend", "start"
 PLAIN_UNITS = {
     **dict.fromkeys(("approach", "retract", "distance", "straight", "blend", "clearance"), "m"),
     **dict.fromkeys(("dwell", "gripper", "settle", "handshake", "skew"), "s"),
@@ -71,6 +68,8 @@ class Lever:
     """New values, by role and JSON pointer."""
     faster: tuple[str, ...] = ()
     """Joints with a higher speed limit, which only the robot's URDF has."""
+    is_indirect: bool = False
+    """Whether its gain is in fewer collisions, smaller torques, corners, or limits of single stages."""
 
     @property
     def is_modelled(self) -> bool:
@@ -78,12 +77,12 @@ class Lever:
 
         They do not for orders and arms, nor for collisions and torques.
         """
-        return self.kind != "search" and self.name not in UNMODELLED
+        return self.kind != "search" and not self.is_indirect
 
     @property
     def is_number(self) -> bool:
-        """Whether it changes numbers, so that there are parts of it; names of postures have none."""
-        return "tasks:/start" not in self.values
+        """Whether it changes numbers, so that there are parts of it; names have none."""
+        return self.kind != "search" and "tasks:/start" not in self.values
 
     def excludes(self, lever: Lever) -> bool:
         """Whether both change the same value, or the same lines.
@@ -194,6 +193,8 @@ def _lever(
     documents: Mapping[str, Document],
     places: Iterable[tuple[str, Loc]],
     change: Change,
+    *,
+    is_indirect: bool = False,
 ) -> list[Lever]:
     """Build the lever that changes the numbers at some places; nothing without any."""
     values, pairs = {}, []
@@ -209,7 +210,7 @@ def _lever(
                 new = change(amount)
                 values[f"{role}:{to_pointer(place)}"] = new.written
                 pairs.append((str(loc[-1]), amount, new))
-    return [Lever(name, changed_by(pairs), kind, values)] if values else []
+    return [Lever(name, changed_by(pairs), kind, values, (), is_indirect)] if values else []
 
 
 def changed_by(pairs: Sequence[tuple[str, Amount, Amount]]) -> str:
@@ -265,15 +266,17 @@ def _limits(documents: Mapping[str, Document], places: Mapping[str, list[Loc]]) 
     careful = [place for place in shares if place[1][0] == "tasks" and len(place[1]) == 3]
     parts = _named(places, "cell", "speed", "acceleration")
     careful += [place for place in parts if "while_holding" in place[1]]
-    yield from _lever(CARE, "process", documents, careful, _share(SIZES.faster))
+    yield from _lever("care", "process", documents, careful, _share(SIZES.faster), is_indirect=True)
     gap = [place for place in _named(places, "cell", "clearance") if len(place[1]) == 1]
-    yield from _lever(CLEARANCE, "process", documents, gap, _times(SIZES.clearance))
+    yield from _lever(
+        CLEARANCE, "process", documents, gap, _times(SIZES.clearance), is_indirect=True
+    )
     blends = _named(places, "tasks", "blend")
-    yield from _lever(BLEND, "process", documents, blends, _times(SIZES.wider))
+    yield from _lever(BLEND, "process", documents, blends, _times(SIZES.wider), is_indirect=True)
     skew = [place for place in _named(places, "tasks", "skew") if "timing" in place[1]]
-    yield from _lever(SKEW, "process", documents, skew, _times(SIZES.half))
+    yield from _lever("skew", "process", documents, skew, _times(SIZES.half), is_indirect=True)
     mass = [p for p in _named(places, "cell", "mass") if p[1][0] in ("tools", "parts")]
-    yield from _lever(MASS, "process", documents, mass, _times(SIZES.half))
+    yield from _lever(MASS, "process", documents, mass, _times(SIZES.half), is_indirect=True)
 
 
 def _decisions(document: Document) -> Iterator[Lever]:
@@ -306,14 +309,14 @@ def _starts(documents: Mapping[str, Document]) -> Iterator[Lever]:
     """
     data = documents["tasks"].data
     present = data.get("start", "home")
+    if data.get("return") is not True or present == "free":
+        return
     postures = [
         name
         for role, document in documents.items()
         if role.startswith("robot") and isinstance(document.data.get("postures"), dict)
         for name in document.data["postures"]
     ]
-    if data.get("return") is not True or present == "free":
-        return
     yield Lever(START, f"{present} to free", "search", {"tasks:/start": "free"})
     for name in dict.fromkeys(postures):
         if name != present:
@@ -333,12 +336,15 @@ def _grasps(documents: Mapping[str, Document]) -> Iterator[Lever]:
     defaults = tasks.data.get("defaults")
     values = {}
     for k, task in enumerate(tasks.listed("tasks")):
-        if not isinstance(task, dict) or "grasp" not in task:
+        if not isinstance(task, dict):
             continue
         part = task.get("part", defaults.get("part") if isinstance(defaults, dict) else None)
-        chosen = task["grasp"] if isinstance(task["grasp"], list) else [task["grasp"]]
-        if len(every.get(part, ())) > len(chosen):
-            values[f"tasks:/tasks/{k}/grasp"] = every[part]
+        for tool, keys in (("", task), ("/handover", task.get("handover"))):
+            if not isinstance(keys, dict) or "grasp" not in keys:
+                continue
+            chosen = keys["grasp"] if isinstance(keys["grasp"], list) else [keys["grasp"]]
+            if len(every.get(part, ())) > len(chosen):
+                values[f"tasks:/tasks/{k}{tool}/grasp"] = every[part]
     if values:
         yield Lever("grasps", "of the file to any", "search", values)
 

@@ -19,14 +19,6 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.records import dataclass
 
-SETTINGS = ("timing", "blend", "effort", "seed")
-"""Settings that every request states."""
-NAMED = ("platform", "follower", "seam_solver", "redundancy")
-"""Settings that a request states only where they differ from the defaults.
-
-`Request.redundancy` names any of the last three.
-"""
-
 
 @dataclass(frozen=True)
 class ReplanSettings:
@@ -123,11 +115,16 @@ def merged(levers: Sequence[Lever]) -> dict[str, Any]:
 def request_of(schedule: Schedule, tasks: Path, case: str) -> Request:
     """Build the request that plans a job with the settings of a schedule."""
     recorded, default = schedule.provenance.settings, PlanSettings().as_dict()
-    chosen: dict[str, Any] = {name: recorded[name] for name in SETTINGS}
-    named = {name: recorded[name] for name in NAMED if recorded[name] != default[name]}
-    methods = [name for setting, name in named.items() if setting != "platform"]
-    chosen |= {"platform": named.get("platform"), "redundancy": next(iter(methods), None)}
-    return Request.of(tasks, case, **chosen)
+    chosen: dict[str, Any] = {
+        name: recorded[name] for name in ("timing", "blend", "effort", "seed")
+    }
+    # Methods are named only if they are not the defaults, and any of them by `redundancy`.
+    platform, *methods = (
+        recorded[name] if recorded[name] != default[name] else None
+        for name in ("platform", "follower", "seam_solver", "redundancy")
+    )
+    method = next(filter(None, methods), None)
+    return Request.of(tasks, case, platform=platform, redundancy=method, **chosen)
 
 
 def replan(replanner: Replanner, estimates: Sequence[Estimate], target: float | None) -> None:

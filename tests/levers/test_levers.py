@@ -141,6 +141,13 @@ def test_start_grasps_and_blends_are_levers(cell: Path) -> None:
     assert load_job(cell, None, free.values).start == "free"
     any_grasp = load_job(cell, None, by_name["grasps of the file to any"].values)
     assert len(any_grasp.tasks[0].grasps) == 2
+    given = "  - {id: c, part: cup, handover: {grasp: side}}\n"
+    cell.write_text(cell.read_text() + given)
+    [any_grasp] = [one for one in of_file(cell) if one.name == "grasps"]
+    assert any_grasp.values == {
+        "tasks:/tasks/0/grasp": ["top", "side"],
+        "tasks:/tasks/2/handover/grasp": ["top", "side"],
+    }
     assert not by_name["blend 10 mm to 20 mm"].is_modelled
     assert (free.is_number, free.is_modelled) == (False, False)
     cell.write_text(text.replace("return: true", ""))
