@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pinocchio as pin
 
@@ -73,7 +75,7 @@ def read_line(
     loc: tuple[str | int, ...],
     section: LineSection,
     outward: int,
-    frames: dict[str, pin.SE3],
+    frames: Mapping[str, pin.SE3],
     findings: Findings,
 ) -> Line:
     """Read length and direction of a line, along the tool after noting an unknown frame.
@@ -102,7 +104,7 @@ def frame_pose(
     document: Document,
     loc: tuple[str | int, ...],
     name: str | None,
-    frames: dict[str, pin.SE3],
+    frames: Mapping[str, pin.SE3],
     findings: Findings,
 ) -> pin.SE3 | None:
     """Look up a frame in the world, or None after noting an unknown name.

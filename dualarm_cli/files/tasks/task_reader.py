@@ -380,8 +380,7 @@ class TaskReader:
     def line(self, section: LineSection, loc: Loc) -> Line:
         """Read an approach or retract, as the last key of its location says."""
         outward = -1 if loc[-1] == "approach" else 1
-        frames = dict(self.cell.frames)
-        return read_line(self.document, loc, section, outward, frames, self.findings)
+        return read_line(self.document, loc, section, outward, self.cell.frames, self.findings)
 
     def _lines(self, section: TaskSection, target: TargetSection, loc: Loc) -> list[Line]:
         """Read approach and retract of a target; defaults are of picks and places."""
