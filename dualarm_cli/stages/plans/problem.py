@@ -53,11 +53,6 @@ class StopTarget:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @property
-    def is_given(self) -> bool:
-        """Whether configurations are the targets."""
-        return self.configurations is not None
-
-    @property
     def lines_turn(self) -> bool:
         """Whether a yaw turns a line to another direction."""
         turning = self.directions[0] * np.array([[self.approach], [self.retract]])

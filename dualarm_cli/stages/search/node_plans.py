@@ -129,7 +129,8 @@ def _options(
     options = []
     for k, stage in enumerate(stages):
         stop, turns = work.stops[stage], np.zeros(1)
-        if stop is not None and not (stop.free_yaw or stop.lines_turn or stop.is_given):
+        by_yaw = stop is not None and stop.configurations is None
+        if by_yaw and not (stop.free_yaw or stop.lines_turn):
             turns = _sense(work) * (stop.yaw - rows.yaw[stage])
             turns = (turns[:, None] + 2.0 * np.pi * np.arange(-1, 2)).ravel()
             turns = turns[(last[k].min() + turns >= low) & (last[k].max() + turns <= high)]
