@@ -215,7 +215,7 @@ class BlockedError(InfeasibleError):
             stages: numbers of the stages.
             alone: whether an arm collides in a stage independently of the other arm.
             never: (arm, task id) pairs whose every posture collides with the cell.
-            unheld: (arm, task id) pairs whose load the arm could not hold still.
+            unheld: (arm, task id) pairs whose part the arm could not hold still.
         """
         self.stages, self.alone, self.never, self.unheld = stages, alone, never, unheld
         super().__init__(*refusals)

@@ -379,7 +379,8 @@ def _cannot_hold(
     torque, effort, data = _overload_data(job, time, joint, torque, held)
     refusal = Refusal("cannot_hold", measured=torque, allowed=effort, data=data)
     arms = [arm.name for arm in job.cell.robot.arms if data["joint"] in arm.joints]
-    unheld = tuple((load.arm, load.task) for load in held if load.arm in arms)
+    # A tool alone is no reason against the task that took it.
+    unheld = tuple((load.arm, load.task) for load in held if load.arm in arms and load.held.part)
     return BlockedError(refusal, stages=(), unheld=unheld)
 
 

@@ -11,13 +11,15 @@ import pytest
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.kinematics.dynamics import Dynamics, limits_torques
-from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import ANY
 from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Segment, Stage
+from dualarm_cli.motion import torque_limits
 from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.payloads import PayloadSpan
 from dualarm_cli.motion.torque_limits import SETTINGS, within_torques
 from tests.pendulum import GRAVITY, LENGTH, MASS, ONE, PART, pendulum
 
@@ -138,6 +140,17 @@ def test_the_tasks_whose_load_cannot_be_held_are_named() -> None:
     with pytest.raises(BlockedError) as refused:
         within_torques(SimpleNamespace(cell=job.cell, tasks=tasks), alone)
     assert refused.value.unheld == (("left", "b"),)
+
+
+def test_a_changed_tool_is_no_reason_against_the_task_that_took_it() -> None:
+    """Another arm would take the same tool; the part in it may go to another arm."""
+    held = [
+        PayloadSpan("left", 0.0, 1.0, Held("drill"), "fetch"),
+        PayloadSpan("left", 0.0, 1.0, Held("drill", "box"), "a"),
+    ]
+    error = torque_limits._cannot_hold(job_of(8.0), 0.0, 0, 9.81, held)
+    assert error.unheld == (("left", "a"),)
+    assert torque_limits._cannot_hold(job_of(8.0), 0.0, 0, 9.81, held[:1]).unheld == ()
 
 
 def test_a_motion_within_its_torques_is_the_same_object() -> None:
