@@ -83,37 +83,50 @@ def applied(tasks: Path, values: Mapping[str, Any]) -> AppliedFiles:
 
 def edited(document: Document, changes: Mapping[str, Any]) -> str:
     """Replace values in a file's text, or add them where missing."""
-    lines = document.source.text.split("\n")
+    text = document.source.text
     edits = []
     for pointer, value in changes.items():
         loc = from_pointer(document.data, pointer, may_add=True)
-        is_new = (
-            loc[-1] not in value_at(document.data, loc[:-1]) if isinstance(loc[-1], str) else False
-        )
-        edits.append(
-            _added(document, loc, value, lines) if is_new else _replaced(document, loc, value)
-        )
-    for line, column, length, text in sorted(edits, reverse=True):
-        row = lines[line - 1]
-        if length < 0:
-            length = len(SCALAR.match(row, column - 1)[0].rstrip())  # type: ignore[index]
-        lines[line - 1] = row[: column - 1] + text + row[column - 1 + length :]
-    return "\n".join(lines)
+        is_new = isinstance(loc[-1], str) and loc[-1] not in value_at(document.data, loc[:-1])
+        edits.append((_added if is_new else _replaced)(document, loc, value))
+    for begin, end, new in sorted(edits, reverse=True):
+        text = text[:begin] + new + text[end:]
+    return text
 
 
-def _replaced(document: Document, loc: Loc, value: Any) -> tuple[int, int, int, str]:
-    """Return place, unknown length and new text of a value."""
-    return (*document.place(loc), -1, _text(value))
+def _begin(document: Document, loc: Loc, key: bool = False) -> tuple[int, int]:
+    """Find where a value or its key begins in the text, and its column from 0."""
+    line, column = document.place(loc, key)
+    above = document.source.text.split("\n")[: line - 1]
+    return sum(len(row) + 1 for row in above) + column - 1, column - 1
 
 
-def _added(document: Document, loc: Loc, value: Any, lines: list[str]) -> tuple[int, int, int, str]:
-    """Return place and text of a new key of a mapping."""
+def _end(document: Document, loc: Loc) -> int:
+    """Find where a scalar or a list of scalars ends in the text."""
+    text, (begin, _) = document.source.text, _begin(document, loc)
+    value = value_at(document.data, loc)
+    if not isinstance(value, list):
+        return begin + len(SCALAR.match(text, begin)[0].rstrip())  # type: ignore[index]
+    last = _end(document, (*loc, len(value) - 1))
+    return text.index("]", last) + 1 if text[begin] == "[" else last
+
+
+def _replaced(document: Document, loc: Loc, value: Any) -> tuple[int, int, str]:
+    """Return begin, end and new text of a value."""
+    begin, column = _begin(document, loc)
+    new, end = _text(value), _end(document, loc)
+    if isinstance(value, list) and document.source.text[begin:end].startswith("- "):
+        new = f"\n{' ' * column}".join(f"- {_text(item)}" for item in value)
+    return begin, end, new
+
+
+def _added(document: Document, loc: Loc, value: Any) -> tuple[int, int, str]:
+    """Return place, twice, and text of a new key of a mapping."""
     keys = list(value_at(document.data, loc[:-1]))
-    line, column = document.place((*loc[:-1], keys[min(1, len(keys) - 1)]), key=True)
-    before = lines[line - 1][: column - 1]
-    flow = before.rstrip(" ").endswith(("{", ","))
-    follows = ", " if flow else "\n" + " " * (column - 1)
-    return line, column, 0, f"{loc[-1]}: {_text(value)}{follows}"
+    begin, column = _begin(document, (*loc[:-1], keys[min(1, len(keys) - 1)]), key=True)
+    flow = document.source.text[begin - column : begin].rstrip(" ").endswith(("{", ","))
+    follows = ", " if flow else "\n" + " " * column
+    return begin, begin, f"{loc[-1]}: {_text(value)}{follows}"
 
 
 def _text(value: Any) -> str:

@@ -27,7 +27,7 @@ from dualarm_cli.files.source.overrides import Overrides
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.studies.studies import job_documents
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.levers.applying import applied
+from dualarm_cli.levers.applying import applied, edited
 from dualarm_cli.levers.changes import Lever, documents_of, levers
 from dualarm_cli.levers.document import best_set, sentences
 from dualarm_cli.levers.estimates import (
@@ -383,6 +383,31 @@ def test_copies_say_what_the_levers_replace(name: str, tasks_folder: Path, tmp_p
         assert [line for line in copy.read_text().splitlines() if line.startswith("#")] == comments
         changed = [line for line in files.difference.splitlines() if line.startswith("+")]
         assert len(changed) >= 2
+
+
+@pytest.mark.parametrize(
+    "old",
+    [
+        "grasp: top  # one",
+        "grasp: [top, side]  # two",
+        "grasp:  # two\n      [top,\n       side]",
+        "grasp:\n    - top\n    - side  # two",
+        "grasp:\n      - top\n      - side",
+    ],
+)
+def test_copies_have_lists_in_place_of_lists(cell: Path, old: str) -> None:
+    """In brackets or line by line; what follows stays."""
+    old = f"    {old}\n"
+    text = cell.read_text().replace("    arm: right\n", f"{old}    arm: right\n")
+    cell.write_text(text)
+    document = documents_of(cell)["tasks"]
+    new = edited(document, {"/tasks/1/grasp": ["a", "b", "c"]})
+    cell.write_text(new)
+    data = documents_of(cell)["tasks"].data
+    assert data["tasks"][1].pop("grasp") == ["a", "b", "c"]
+    document.data["tasks"][1].pop("grasp")
+    assert data == document.data
+    assert new.endswith(text.partition(old)[2])
 
 
 def test_another_robot_is_not_applied(tasks_folder: Path) -> None:
