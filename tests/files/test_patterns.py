@@ -209,11 +209,19 @@ def test_a_list_of_parts_comes_from_a_csv_file(project: Path, change: Change) ->
         load_job("tasks.yaml")
 
 
-def test_notes_say_what_a_task_is_expanded_to(pattern: Callable[..., Job]) -> None:
-    """The first and the last task, and their places."""
-    job = pattern("count: [2, 3], pitch: [60 mm, 40 mm]")
-    [note] = [note for note in job.notes if is_about(note, "pattern")]
-    assert note == "a is 6 tasks, a[1,1] to a[2,3]: pick bin[1,1] … [2,3]"
+@pytest.mark.parametrize(
+    ("each", "expected"),
+    [
+        ("each: place", "a is 6 tasks, a[1,1] to a[2,3]: pick bin[1,1] … [2,3]"),
+        ("each: {x: [2, 2], y: [3, 3]}", "a is 1 task, a[2,3]: pick bin[2,3]"),
+    ],
+)
+def test_notes_say_what_a_task_is_expanded_to(
+    pattern: Callable[..., Job], each: str, expected: str
+) -> None:
+    """The first and the last task, and their places; of a single one once."""
+    job = pattern("count: [2, 3], pitch: [60 mm, 40 mm]", each)
+    assert [note for note in job.notes if is_about(note, "pattern")] == [expected]
 
 
 GRID = "count: [3, 4], pitch: [60 mm, 60 mm]"

@@ -31,7 +31,7 @@ _RANGES = ("x", "y", "layer")
 """Keys of the ranges of places."""
 _note = NoteTable(
     "pattern",
-    expanded="{id} is {count:1 task|# tasks}, {first} to {last}: {work:*, }",
+    expanded="{id} is {count:1 task|# tasks}, {names:* to }: {work:*, }",
 )
 
 
@@ -329,10 +329,11 @@ def _notes(
     for k in repeated:
         mine = [copy for copy in copies if copy.source == k and copy.spots]
         if mine:
+            ends = mine if len(mine) == 1 else (mine[0], mine[-1])
             work = [
                 f"{key} {entries[k][key].get('at', entries[k][key].get('in', 'world'))}"
-                f"[{mine[0].spots[key].label}] … [{mine[-1].spots[key].label}]"
+                + " … ".join(f"[{copy.spots[key].label}]" for copy in ends)
                 for key in mine[0].spots
             ]
-            ends = {"first": mine[0].id, "last": mine[-1].id}
-            yield _note("expanded", id=entries[k]["id"], count=len(mine), work=work, **ends)
+            names = [copy.id for copy in ends]
+            yield _note("expanded", id=entries[k]["id"], count=len(mine), names=names, work=work)
