@@ -335,7 +335,7 @@ def _schedule_page() -> str:
         "## `events.csv`",
         "A row for each event: `time` and `dwell` [s], `arm`, `task`, `action`, `stage` (from 1, empty where the event "
         "is in none), `signal`, `frame`, and the pose of this frame in the world: `x`, `y`, `z` [m] and the quaternion "
-        "`qx`, `qy`, `qz`, `qw`.",
+        "`qx`, `qy`, `qz`, `qw`; then `grasp` and `width` [m], empty where none is known.",
         "## `targets.csv`",
         "For robot programs: up to three rows for each event, whose `point` is `approach` (where the line to it "
         "begins), `target`, or `retract` (where the line from it ends). Each has `stage`, `time`, `arm`, `task`, "

@@ -123,6 +123,7 @@ def event_row(event: Event) -> dict[str, Any]:
         **({"velocity": list(event.velocity)} if event.moves else {}),
         **({"signal": event.signal} if event.signal else {}),
         **({"grasp": event.grasp} if event.grasp else {}),
+        **({"width": event.width} if event.width else {}),
     }
 
 

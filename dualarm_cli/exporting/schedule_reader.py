@@ -286,6 +286,7 @@ class _Reader(JsonReader):
             velocity=self.velocity(row.get("velocity"), f"{path}.velocity"),
             signal=self.text(row, "signal", f"{path}.signal"),
             grasp=self.text(row, "grasp", f"{path}.grasp"),
+            width=self.number(row, "width", f"{path}.width", 0.0) or 0.0,
         )
 
     def velocity(self, value: object, path: str) -> tuple[float, float, float]:

@@ -24,8 +24,9 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
         "event_dwell": np.array([event.dwell for event in events]),
         **{
             f"event_{name}": np.array([getattr(event, name) for event in events], dtype=np.str_)
-            for name in ("arm", "task", "action", "signal")
+            for name in ("arm", "task", "action", "signal", "grasp")
         },
+        "event_width": np.array([event.width for event in events]),
         "event_pose": np.array([event.pose.homogeneous for event in events]).reshape(-1, 4, 4),
     }
     buffer = io.BytesIO()

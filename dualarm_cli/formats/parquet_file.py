@@ -37,7 +37,8 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
             columns[f"{joint}_{name}"] = (number, values[:, k], unit)
     events = schedule.events
     kinds = dict.fromkeys(("time", "dwell"), (number, "s"))
-    kinds |= dict.fromkeys(("arm", "task", "action", "frame", "signal"), (pa.string(), ""))
+    kinds |= dict.fromkeys(("arm", "task", "action", "frame", "signal", "grasp"), (pa.string(), ""))
+    kinds["width"] = number, "m"
     rows: dict[str, tuple[Any, Any, str]] = {
         name: (kind, [getattr(event, name) for event in events], unit)
         for name, (kind, unit) in kinds.items()

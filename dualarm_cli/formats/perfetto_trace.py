@@ -67,6 +67,7 @@ def _event(event: Event, track: int) -> dict[str, Any]:
             "action": event.action,
             "dwell_s": event.dwell,
             **({"signal": event.signal} if event.signal else {}),
+            **({"width_m": event.width} if event.width else {}),
         },
     }
 

@@ -78,9 +78,9 @@ def samples_table(schedule: Schedule, rate: float, columns: Sequence[Column]) ->
 
 
 def events_table(schedule: Schedule) -> bytes:
-    """Build the table of events: action, stage, signal and tool pose.
+    """Build the table of events: action, stage, signal, tool pose, grasp and width.
 
-    Stages count from 1; the cell is empty for an event outside all stages.
+    Stages count from 1; a cell is empty for an event outside all stages, and for a width that is not known.
     """
     stages = _stages(schedule)
     header = ["time", "dwell", "arm", "task", "action", "stage", "signal", "frame"]
@@ -88,8 +88,9 @@ def events_table(schedule: Schedule) -> bytes:
     for event in schedule.events:
         words = event.arm, event.task, event.action, stages.get(id(event), ""), event.signal
         times = _numbers(event.time, event.dwell)
-        rows.append([*times, *map(_safe, (*words, event.frame)), *_pose(event.pose)])
-    return _table([*header, *POSE], rows)
+        grip = _safe(event.grasp), *(_numbers(event.width) if event.width else [""])
+        rows.append([*times, *map(_safe, (*words, event.frame)), *_pose(event.pose), *grip])
+    return _table([*header, *POSE, "grasp", "width"], rows)
 
 
 def targets_table(schedule: Schedule) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import field, replace
 from typing import Literal
@@ -28,6 +29,8 @@ class Tool:
     """Mass, centre of mass and rotational inertia in the flange frame [kg, m, kg m²]."""
     shapes: tuple[Shape, ...] = ()
     """Solids in the flange frame."""
+    opening: tuple[float, float] = (0.0, math.inf)
+    """Least and greatest distance of its jaws [m]."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,8 @@ class Cell:
     """Mass, centre and rotational inertia of each kind of part, in the frame of its solids."""
     grasps: Mapping[str, Mapping[str, Grasp]] = field(default_factory=dict)
     """Grasps of parts by name; parts without any are missing."""
+    widths: Mapping[str, float] = field(default_factory=dict)
+    """Distance of the jaws on a part, or on a part as held by a grasp [m]; missing if unknown."""
     care: Mapping[str, Care] = field(default_factory=dict)
     """Limits of the motion while a part is held, by part; parts without any are missing."""
     torque: TorqueRule = "limited"
@@ -145,6 +150,25 @@ class Cell:
         """Return the tool that an arm has on at the start; empty for none."""
         changes = self.tool_changes.get(arm)
         return changes.start if changes is not None else ""
+
+    def opening(self, arm: str, tool: str) -> tuple[float, float]:
+        """Return the least and greatest distance of the jaws of an arm's tool [m].
+
+        Args:
+            arm: its name.
+            tool: changed tool that is on; empty for none.
+        """
+        return (self.tool_changes[arm].tools[tool].tool if tool else self.tools[arm]).opening
+
+    def width(self, part: str) -> float:
+        """Return the distance of the jaws on a part [m]; 0 if unknown.
+
+        Args:
+            part: its name, or that of the part as it is held.
+        """
+        while part and part not in self.widths:
+            part = part.rpartition("@")[0]
+        return self.widths.get(part, 0.0)
 
     def all_held(self, arm: str) -> dict[str, Held]:
         """List every combination of tool and part that an arm may hold, by name."""

@@ -240,9 +240,10 @@ class Task:
         return x, y, z
 
     def by_grasp(self, task: Task) -> Task:
-        """Replace what depends on the grasp by that of one of `grasps`."""
+        """Replace what depends on the grasp by that of one of `grasps`; a decided arm stays."""
+        arm = task.arm if self.arm == ANY else self.arm
         decided = replace(self, stops=task.stops, part=task.part, grasp=task.grasp, grasps=())
-        return replace(decided, handover=task.handover)
+        return replace(decided, arm=arm, handover=task.handover)
 
     def held_before(self, action: str) -> str:
         """Name the object that the arm holds on arrival; empty for nothing."""

@@ -201,6 +201,8 @@ class Grasp:
     """Straight approach to a target; None for the task's."""
     retract: Line | None = None
     """Straight retract from a target; None for the task's."""
+    width: float = 0.0
+    """Distance of the tool's jaws on the part [m]; 0 if unknown."""
     of: str = ""
     """Name in the cell file, without tilt, area or turn."""
     pair: str = ""

@@ -195,6 +195,8 @@ class Event:
     """Signal that is set at `time`; empty for none."""
     grasp: str = ""
     """Grasp of the part; empty for a part without grasps."""
+    width: float = 0.0
+    """Distance of the tool's jaws that close on the part or let go of it [m]; 0 if unknown."""
 
     @property
     def moves(self) -> bool:

@@ -117,6 +117,7 @@ def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) 
         velocity=arm_stop.stop.velocity,
         signal=arm_stop.stop.signal,
         grasp=arm_stop.task.grasp.name if arm_stop.task.grasp is not None else "",
+        width=model.cell.width(arm_stop.task.part),
     )
 
 

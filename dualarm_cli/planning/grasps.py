@@ -84,7 +84,8 @@ def _without_faults(
             # Both shares of a hand-over have the same faults.
             remaining.extend(f for f in faults[task.id, 0] if f not in remaining)
             return task
-        return replace(task.by_grasp(good[0]), grasps=good if len(good) > 1 else ())
+        decided = task.by_grasp(good[0])
+        return replace(decided, arm=task.arm, grasps=good) if len(good) > 1 else decided
 
     tasks = tuple(reduced(task) if task.grasps else task for task in job.tasks)
     return replace(job, tasks=tasks), remaining
@@ -101,6 +102,11 @@ def _singles(job: Job) -> list[Choice]:
 
 def _name(task: Task) -> str:
     return "" if task.grasp is None else task.grasp.choice
+
+
+def _key(task: Task) -> tuple[str, str]:
+    """Return what tells the shares of a hand-over apart."""
+    return task.id, task.stops[0].action
 
 
 def quickest_by_grasps(
@@ -233,7 +239,7 @@ class _GraspSearch:
 
     def _in_order(self, schedule: Schedule, job: Job) -> Job:
         """Decide arms and order of the open job as in a plan; grasps stay open."""
-        options = {(task.id, task.stops[0].action): task.grasps for task in self.job.tasks}
+        options = {_key(task): task.grasps for task in self.job.tasks}
         done = job_as_done(schedule, job)
         # Stands are visited again by the choice's own plan.
         tasks = [t for t in done.tasks if not t.is_change]
@@ -241,6 +247,9 @@ class _GraspSearch:
         stages = [tuple(key for key in stage if key in keys) for stage in done.pairing or ()]
         return replace(
             done,
-            tasks=tuple(replace(t, grasps=options[t.id, t.stops[0].action]) for t in tasks),
+            tasks=tuple(
+                replace(t, grasps=tuple(g for g in options[_key(t)] if g.allows(t.arm)))
+                for t in tasks
+            ),
             pairing=tuple(filter(None, stages)) or None,
         )

@@ -118,6 +118,7 @@ class ScheduleEvent(TypedDict):
     velocity: Annotated[tuple[float, float, float], "m/s", "Velocity of the conveyor that the tool moves with during the dwell; absent where it stands."]
     signal: Annotated[str, "", "Name of the signal that is set then; absent where there is none."]
     grasp: Annotated[str, "", "Name of the grasp of the part; absent for a part without grasps."]
+    width: Annotated[float, "m", "Distance of the tool's jaws on the part: they close to it, or open from it; absent if unknown."]
 
 
 class ScheduleMotion(TypedDict):

@@ -50,13 +50,14 @@ def check_grasps(schedule: Schedule, job: Job) -> list[Check]:
         job: as in its file.
     """
     grasped = [task for task in job.tasks if task.grasp is not None or task.grasps]
+    wide = [task for task in job.tasks if task not in grasped and job.cell.width(task.part)]
     ids = {task.id for task in grasped}
     wrong = [
         f"{event.task} ({event.action}): grasp {event.grasp} of a part without grasps"
         for event in schedule.events
         if event.grasp and event.task not in ids
     ]
-    if not grasped and not wrong:
+    if not grasped and not wide and not wrong:
         return []
     for task in grasped:
         by_grasp = {_name(choice): choice for choice in task.grasps or (task,)}
@@ -67,12 +68,29 @@ def check_grasps(schedule: Schedule, job: Job) -> list[Check]:
                 measured = " or ".join(sorted(used[-1])) or "no allowed grasp"
                 stated = event.grasp or "none"
                 wrong.append(f"{event.task} ({event.action}): {stated} stated, {measured} measured")
+            else:
+                wrong += _wrong_width(job, by_grasp[event.grasp], event)
         if used and all(used) and not set.intersection(*used):
             first, last = task.stops[0].action, task.stops[-1].action
             done = "given" if last == "give" else "placed"
             wrong.append(f"{task.id} is not {done} by the grasp of its {first}")
+    for task in wide:
+        for event in _events_of(schedule, task):
+            wrong += _wrong_width(job, task, event)
     where = "; ".join(wrong[:3]) or "at every pick and place"
     return [judge("grasps", float(len(wrong)), 0.0, where)]
+
+
+def _wrong_width(job: Job, task: Task, event: Event) -> list[str]:
+    """Say that jaws close to another width than the part's, or do not open to it."""
+    width, where = job.cell.width(task.part), f"{event.task} ({event.action})"
+    if abs(event.width - width) > TOL.pose_distance:
+        return [f"{where}: {1e3 * event.width:g} mm wide instead of {1e3 * width:g} mm"]
+    if width and event.arm in job.cell.tools:
+        least, most = job.cell.opening(event.arm, task.tool)
+        if not least <= width <= most:
+            return [f"{where}: the {event.arm} tool does not open to {1e3 * width:g} mm"]
+    return []
 
 
 def _miss(events: Sequence[Sequence[Event]], choice: Sequence[Task]) -> tuple[float, bool]:

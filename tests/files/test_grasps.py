@@ -208,7 +208,8 @@ def test_a_part_without_grasps_keeps_the_pose_of_the_tool(block: Path, change: C
         ("cell.yaml", ("symmetry: 2", "symmetry: 0"), "cell.yaml:16:66: E200 0 must be at least 1"),
         ("cell.yaml", ("symmetry: 2", "free: tilt"), "cell.yaml:16:62: E200 'tilt' is not allowed; allowed: yaw"),
         ("cell.yaml", ("approach: 50 mm", "approach: -1 mm"), "cell.yaml:16:79: E200 '-1 mm': length must be at least 0"),
-        ("cell.yaml", ("approach: 50 mm", "in: bin"), "cell.yaml:16:69: E201 unknown key 'in'; allowed: xyz, rpy, quat, free, symmetry, approach, retract"),
+        ("cell.yaml", ("approach: 50 mm", "in: bin"), "cell.yaml:16:69: E201 unknown key 'in'; allowed: xyz, rpy, quat, free, symmetry, approach, retract, width"),
+        ("cell.yaml", ("mass: 800 g", "opening: [60 mm, 0]"), "cell.yaml:4:38: E200 [60 mm, 0 mm]: give the least distance first, then the greatest"),
     ],
 )  # fmt: skip
 def test_every_mistake_is_told_at_its_place(
@@ -222,6 +223,44 @@ def test_every_mistake_is_told_at_its_place(
     """One mistake, one message."""
     change(file, *changes)
     assert messages(lambda: load_job("tasks.yaml")) == [expected]
+
+
+def test_arms_take_the_grasps_that_their_tools_open_to(
+    block: Path, change: Change, messages: Messages
+) -> None:
+    """Widths of 40 and 60 mm against tools that open from 0 to 50 and from 50 to 90 mm."""
+    change("cell.yaml", "    mass: 2 kg", "    width: 60 mm\n    mass: 2 kg")
+    change("cell.yaml", "retract: 20 mm", "retract: 20 mm, width: 40 mm")
+    change("cell.yaml", "mass: 800 g}", "opening: [0, 50 mm]}\n  right: {opening: [50 mm, 90 mm]}")
+    left = by_name()
+    assert list(left) == ["side"] and load_job("tasks.yaml").cell.width("block@side@2") == 0.04
+    change("tasks.yaml", "arm: left", "arm: right")
+    assert list(by_name()) == ["top"]
+    change("tasks.yaml", "arm: right", "arm: any")
+    job = load_job("tasks.yaml")
+    assert job.tasks[0].arm == "any"
+    assert {name: job.with_grasps({"a": name}).tasks[0].arm for name in by_name()} == {
+        "top": "right",
+        "side": "left",
+    }
+    change("tasks.yaml", "part: block", "part: block\n    grasp: top")
+    assert load_job("tasks.yaml").tasks[0].arm == "right"
+    change("tasks.yaml", "arm: any", "arm: left")
+    assert messages(lambda: load_job("tasks.yaml")) == [
+        "tasks.yaml:6:5: E300 part 'block' is 60 mm wide in grasp 'top', but the left tool opens from 0 to 50 mm: "
+        "allow another grasp, arm or tool, or correct 'width' or 'opening' in the cell file"
+    ]
+    # A part without grasps, handed over: the taking tool does not open to it.
+    change("cell.yaml", "plain: {", "plain: {width: 45 mm, ")
+    change("tasks.yaml", "part: block\n    grasp: top", "part: plain")
+    assert load_job("tasks.yaml").cell.width("plain@a") == 0.045
+    change(
+        "tasks.yaml",
+        "    place:",
+        "    handover: {xyz: [0.3, 0, 1], grip: {xyz: [0, 0, 0.1]}}\n    place:",
+    )
+    [message] = messages(lambda: load_job("tasks.yaml"))
+    assert "part 'plain' is 45 mm wide, but the right tool opens from 50 to 90 mm" in message
 
 
 FREE = """\

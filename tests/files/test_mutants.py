@@ -17,6 +17,9 @@ from dualarm_cli.files.tasks.tasks import load_job
 CELL = """\
 dualarm: cell/1
 robot: robot.yaml
+tools:
+  left:
+    opening: [10 mm, 60 mm]
 frames:
   tray:
     xyz: [0.4, 0.1, 0.7]
@@ -47,6 +50,7 @@ parts:
           direction: [0, 0, 1]
           in: tool
         retract: 40 mm
+        width: 40 mm
       side:
         xyz: [20 mm, 0, 40 mm]
         quat: [0, 0, 0, 1]
@@ -138,6 +142,8 @@ VALUES: dict[str, dict[str, tuple[str, ...]]] = {
         "direction: [0, 0, 1]": DIRECTION,
         "in: tool": ("tol", "1", "[tool]", "{a: 1}", "true"),
         "retract: 40 mm": POSITIVE,
+        "width: 40 mm": (*POSITIVE, "0"),
+        "opening: [10 mm, 60 mm]": (*LENGTHS, "[60 mm, 60 mm]", "[-1 mm, 1 mm]", "[2, 1]"),
         "tilt: 15 deg": (*WITHIN, "61 deg"),
         "turn: yaw": WORD[:-1],
         "area: [20 mm, 10 mm]": (*LENGTHS, "[0, 1 mm]", "[1 mm, -1 mm]"),
@@ -174,6 +180,7 @@ KEYS = {
     "cell.yaml": (
         *("count:", "pitch:", "layers:", "layer_height:", "order:", "stagger:", "turn: 90"),
         *("without:", "varies:", "xy:", "grid:", "    symmetry: 2", "grasps:", "symmetry: 3"),
+        *("width:", "opening:"),
         *(
             "approach:",
             "distance:",

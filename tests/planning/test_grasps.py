@@ -29,10 +29,11 @@ from dualarm_cli.verification import verify
 CELL = """\
 dualarm: cell/1
 robot: iiwa14
-tools: {left: {tcp: {xyz: [0, 0, 150 mm]}, shapes: [{cylinder: {radius: 20 mm, length: 100 mm}, xyz: [0, 0, 50 mm]}]}}
+tools: {left: {tcp: {xyz: [0, 0, 150 mm]}, opening: [10 mm, 50 mm], shapes: [{cylinder: {radius: 20 mm, length: 100 mm}, xyz: [0, 0, 50 mm]}]}}
 obstacles: {table: {box: [1, 2, 0.1], xyz: [0.6, 0, -0.05]}}
 parts:
   peg:
+    width: 30 mm
     shapes: [{box: [30 mm, 30 mm, 80 mm], xyz: [0, 0, 40 mm]}]
     grasps:
       top:    {xyz: [0, 0, 80 mm], rpy: [180 deg, 0, 0]}
@@ -168,6 +169,7 @@ def test_a_plan_is_as_short_as_with_any_choice_and_names_its_grasps(
     assert verification.passed
     assert [c.verdict for c in verification.checks if c.name == "grasps"] == ["passed"]
     assert all(event_row(event)["grasp"] == event.grasp for event in planned.events)
+    assert {event_row(event)["width"] for event in planned.events} == {0.03}
     # The tool is where the part's pose and the grasp have it.
     poses = {"a": pin.SE3(np.eye(3), np.array([0.5, 0.2, 0.0]))}
     [pick] = [e for e in planned.events if (e.task, e.action) == ("a", "pick")]
@@ -180,6 +182,7 @@ def test_a_plan_is_as_short_as_with_any_choice_and_names_its_grasps(
     [
         (lambda e: dataclasses.replace(e, grasp=""), "none stated"),
         (lambda e: dataclasses.replace(e, grasp="under"), "under stated"),
+        (lambda e: dataclasses.replace(e, width=0.04), "40 mm wide instead of 30 mm"),
         (
             lambda e: (
                 e

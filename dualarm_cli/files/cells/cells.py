@@ -39,7 +39,7 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell, Obstacle, Tool
-from dualarm_cli.model.part_flow import Care
+from dualarm_cli.model.part_flow import Care, Grasp, part_as_held
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape, uniform_inertia
 from dualarm_cli.notes import Note
@@ -212,6 +212,7 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
         torque=model.torque,
         patterns=patterns_of(model.frames),
         grasps=grasps,
+        widths=_widths(model, grasps),
         varying=pose_ranges(model.frames, frames),
         care={name: read_care(part.while_holding) for name, part in model.parts.items()},
         **{name: value for addition in added for name, value in addition.fields.items()},
@@ -220,6 +221,15 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
         for grasp in by_name.values():
             cell = cell.with_held_part(part, grasp.name, grasp.pose)
     return cell, tuple(reader.notes)
+
+
+def _widths(model: CellFile, grasps: Mapping[str, Mapping[str, Grasp]]) -> dict[str, float]:
+    """List the distance of the jaws on each part [m], and on each part as held by a grasp."""
+    widths = {name: part.width for name, part in model.parts.items() if part.width is not None}
+    for part, by_name in grasps.items():
+        held = {part_as_held(part, grasp.name): grasp.width for grasp in by_name.values()}
+        widths |= {name: width for name, width in held.items() if width}
+    return widths
 
 
 def read_care(section: CareSection | None) -> Care:
@@ -309,7 +319,11 @@ class CellReader:
     def tool(self, section: ToolSection, loc: Loc) -> Tool:
         """Read a tool: its centre point, weight and solids."""
         tcp, shapes = to_se3(section.tcp), self._shapes(section.shapes, loc)
-        return Tool(tcp, self._inertia(section, shapes, tcp.translation, loc), shapes)
+        tool = Tool(tcp, self._inertia(section, shapes, tcp.translation, loc), shapes)
+        if section.opening is None:
+            return tool
+        least, most = section.opening
+        return replace(tool, opening=(least, most))
 
     def parts(self, model: CellFile) -> tuple[dict[str, tuple[Shape, ...]], dict[str, pin.Inertia]]:
         """Read the solids and the inertia of each kind of part."""

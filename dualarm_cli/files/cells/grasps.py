@@ -49,7 +49,9 @@ def read_grasps(
             line, where = getattr(section, key), ("parts", name, "grasps", stated, key)
             lines.append(line and read_line(document, where, line, outward, frames, findings))
         for grasp in repeated(stated, section, part.symmetry or 1):
-            grasps[grasp.name] = replace(grasp, approach=lines[0], retract=lines[1])
+            grasps[grasp.name] = replace(
+                grasp, approach=lines[0], retract=lines[1], width=section.width or 0.0
+            )
     if len(grasps) > MOST_GRASPS:
         message = (
             f"part {quote(name)} has {len(grasps)} grasps with their turns, tilts and areas; at most {MOST_GRASPS}: "

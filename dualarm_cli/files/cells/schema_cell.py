@@ -14,6 +14,7 @@ from dualarm_cli.files.source.fields import (
     BodyPair,
     Clearance,
     Density,
+    Distance,
     FramedPose,
     LineSection,
     Mass,
@@ -217,6 +218,10 @@ class GraspSection(ToolPose):
         description="Straight retract [m], with its direction if that is not the tool's z axis; default: that of "
         "the task.",
     )
+    width: Size | None = Field(
+        default=None,
+        description="Distance of the tool's jaws on the part [m]; default: the part's.",
+    )
 
     @model_validator(mode="after")
     def _one_freedom(self) -> GraspSection:
@@ -274,6 +279,11 @@ class PartSection(WeighedSection):
         description="Number of turns about the part's z axis after which it looks the same; grasps off that axis "
         "are repeated for each.",
     )
+    width: Size | None = Field(
+        default=None,
+        description="Distance of the jaws that hold it [m], in grasps that do not state their own: only arms whose "
+        "tool opens that far take it.",
+    )
     while_holding: HoldingSection | None = Field(
         default=None, description="Limits of the motion of an arm that holds the part."
     )
@@ -303,6 +313,19 @@ class ToolSection(WeighedSection):
     shapes: list[ToolShapeSection] = Field(
         default_factory=list, description="Solids in the flange frame."
     )
+    opening: Annotated[list[Distance], Field(min_length=2, max_length=2)] | None = Field(
+        default=None,
+        description="Least and greatest distance of the tool's jaws [m]; default: any.",
+    )
+
+    @model_validator(mode="after")
+    def _opens(self) -> ToolSection:
+        if self.opening is not None and self.opening[0] >= self.opening[1]:
+            least, most = (f"{1e3 * value:g} mm" for value in self.opening)
+            raise refuse(
+                f"[{least}, {most}]: give the least distance first, then the greatest", "opening"
+            )
+        return self
 
 
 class ToolsSection(Section):

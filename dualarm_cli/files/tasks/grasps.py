@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from itertools import permutations
 from typing import TYPE_CHECKING
 
 from dualarm_cli.files.cells.grasps import repeated
 from dualarm_cli.files.cells.schema_cell import FreeSection, GraspSection
 from dualarm_cli.files.source.text_source import quote, suggest
-from dualarm_cli.model.job import PoseTarget, Stop, Task
-from dualarm_cli.model.part_flow import Grasp, part_as_held
+from dualarm_cli.model.job import ANY, PoseTarget, Stop, Task
+from dualarm_cli.model.part_flow import Grasp, kind_of_part, part_as_held
 
 if TYPE_CHECKING:
     from dualarm_cli.files.source.yaml_source import Loc
     from dualarm_cli.files.tasks.schema_tasks import TaskSection
     from dualarm_cli.files.tasks.task_reader import TaskReader
+    from dualarm_cli.model.cell import Cell
 
 
 def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> list[Task]:
@@ -47,7 +49,64 @@ def grasped(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> l
 
 def open_grasps(choices: Sequence[Task]) -> Task:
     """Build an open task from the task with each of its grasps."""
-    return replace(choices[0], grasps=tuple(choices[1:] and choices))
+    arm = choices[0].arm if len({task.arm for task in choices}) == 1 else ANY
+    return replace(choices[0], arm=arm, grasps=tuple(choices[1:] and choices))
+
+
+def fitting(
+    reader: TaskReader, loc: Loc, choices: Sequence[tuple[Task, ...]]
+) -> list[tuple[Task, ...]]:
+    """Select the grasps whose widths the tools open to, each with the arms of such tools.
+
+    All of them after noting that there is none.
+
+    Args:
+        reader: of the file; errors are noted there.
+        loc: where the task stands.
+        choices: the task with each of its grasps; both shares of a hand-over.
+    """
+    cell, fits, misfits = reader.cell, list[tuple[Task, ...]](), list[str]()
+    for shares in choices:
+        orders = [o for o in permutations(reader.arms, len(shares)) if shares[0].allows(o[0])]
+        good = []
+        for order in orders:
+            pairs = [
+                (arm, task, cell.width(task.part)) for arm, task in zip(order, shares, strict=True)
+            ]
+            texts = [_misfit(cell, *pair) for pair in pairs]
+            misfits += [text for text in texts if text and text not in misfits]
+            good += [] if any(texts) else [order]
+        if len(good) == len(orders):
+            fits.append(shares)
+        elif good:
+            fits.append(tuple(_by_arm(task, good[0], k) for k, task in enumerate(shares)))
+    if fits or not choices:
+        return fits
+    message = (
+        "; ".join(misfits)
+        + ": allow another grasp, arm or tool, or correct 'width' or 'opening' in the cell file"
+    )
+    reader.note(loc, message)
+    return list(choices)
+
+
+def _misfit(cell: Cell, arm: str, task: Task, width: float) -> str:
+    """Say why the tool of an arm does not open to the width of a task's grasp; empty if it does."""
+    least, most = cell.opening(arm, task.tool)
+    if not width or least <= width <= most:
+        return ""
+    grasp = f" in grasp {quote(task.grasp.of)}" if task.grasp is not None else ""
+    tool = f"tool {quote(task.tool)} of the {arm} arm" if task.tool else f"the {arm} tool"
+    return (
+        f"part {quote(kind_of_part(task.part))} is {1e3 * width:g} mm wide{grasp}, but {tool} opens from "
+        f"{1e3 * least:g} to {1e3 * most:g} mm"
+    )
+
+
+def _by_arm(task: Task, order: Sequence[str], share: int) -> Task:
+    """Assign a task to its arm, given those of all its shares in order."""
+    work = task.handover and replace(task.handover, giver=order[0], taker=order[1])
+    return replace(task, arm=order[share], handover=work)
 
 
 def allowed_grasps(

@@ -17,7 +17,7 @@ from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.curves import CurveReader
-from dualarm_cli.files.tasks.grasps import grasped, open_grasps
+from dualarm_cli.files.tasks.grasps import fitting, grasped, open_grasps
 from dualarm_cli.files.tasks.schema_tasks import (
     SIGNAL_KEYS,
     DefaultsSection,
@@ -225,6 +225,7 @@ class TaskReader:
             choices = grasped(self, section, loc, task)
             for kind in self._kinds:
                 choices = [kind.task(self, section, loc, choice) for choice in choices]
+            choices = [choice for (choice,) in fitting(self, loc, [(c,) for c in choices])]
             tasks.append(open_grasps(self.signalled(choices, section, loc)))
         return tuple(tasks)
 

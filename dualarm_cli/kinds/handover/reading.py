@@ -18,6 +18,7 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.grasps import (
     allowed_grasps,
     are_posed,
+    fitting,
     open_grasps,
     refuse_leaning,
     stop_by_grasp,
@@ -146,7 +147,8 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
         return handover_shares(whole, taker, (pick, put), meeting, lines, where)
 
     if not pairs:
-        return shares(pick, put, (meets, to_se3(handover.grip or ToolPose())))
+        whole_grip = to_se3(handover.grip or ToolPose())
+        return list(*fitting(reader, loc, [tuple(shares(pick, put, (meets, whole_grip)))]))
     choices = []
     for giving, taking in pairs:
         grip = giving.pose.actInv(taking.pose)
@@ -154,6 +156,7 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
         by_taker = stop_by_grasp(reader, section, loc, put, taking)
         pair = shares(by_giver, by_taker, (meets * giving.pose, grip))
         choices.append(_by_grasps(pair, part, (giving, taking)))
+    choices = fitting(reader, loc, choices)
     return [open_grasps(share) for share in zip(*choices, strict=True)]
 
 

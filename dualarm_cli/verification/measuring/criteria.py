@@ -127,7 +127,8 @@ CRITERIA: Mapping[str, Mapping[str, Criterion]] = {
         ),
         "grasps": Criterion(
             "",
-            "Picks and places by another grasp than allowed, stated or used before; listed for parts with grasps.",
+            "Picks and places by another grasp than allowed, stated or used before, or with another width; listed for "
+            "parts with grasps or widths.",
         ),
         "care": Criterion(
             "share of the limit",

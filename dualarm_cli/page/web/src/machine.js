@@ -194,16 +194,17 @@ function heldExtents(plan, object, arm) {
  * List when the fingers of an arm begin and end to close (to 1) or open (to 0), in order of time.
  * @param {import("./types.js").Event[]} events
  * @param {string} arm
- * @returns {{from: number, to: number, closed: number, task: string}[]}
+ * @returns {{from: number, to: number, closed: number, task: string, width: number}[]} widths 0 where not known
  */
 export function grips(events, arm) {
   return events.flatMap((event) => {
     const length = Math.min(event.dwell || CLOSING / 2, CLOSING);
     if (event.arm !== arm) return [];
-    if (event.action === "pick" || event.action === "take") return [{ from: event.time, to: event.time + length, closed: 1, task: event.task }];
-    if (event.action === "give") return [{ from: event.time, to: event.time + length, closed: 0, task: event.task }];
+    const { task, width = 0 } = event;
+    if (event.action === "pick" || event.action === "take") return [{ from: event.time, to: event.time + length, closed: 1, task, width }];
+    if (event.action === "give") return [{ from: event.time, to: event.time + length, closed: 0, task, width }];
     const end = event.time + event.dwell;
-    return event.action === "place" ? [{ from: end - length, to: end, closed: 0, task: event.task }] : [];
+    return event.action === "place" ? [{ from: end - length, to: end, closed: 0, task, width }] : [];
   });
 }
 
@@ -240,7 +241,7 @@ class Gripper {
     const boxes = plan.objects.filter((object) => object.role === "part").flatMap((object) => heldExtents(plan, object, arm) ?? []);
     const sides = /** @type {("x" | "y")[]} */ (["x", "y"]).map((side) => Math.max(0.03, ...boxes.map((box) => box.max[side] - box.min[side])));
     this.side = sides[1] <= sides[0] ? 1 : 0;
-    this.width = Math.min(...sides);
+    this.width = Math.max(...this.changes.map(({ width }) => width), 0) || Math.min(...sides);
     this.depth = Math.max(0.008, ...boxes.map((box) => Math.min(box.max.z, 0.03)));
     this.top = boxes.length ? Math.min(...boxes.map((box) => box.min.z)) : -0.015;
     /** @type {THREE.Mesh[]} */
@@ -279,12 +280,12 @@ class Gripper {
 
   /** @param {number} reach from the flange to the tool centre point [m] */
   drawGripper(reach) {
-    const isWide = this.width > WIDEST;
+    const isWide = this.width > WIDEST && !this.changes.some(({ width }) => width > 0);
     const below = Math.max(Math.min(reach + this.top, 0.08), 0.3 * reach);
     const palm = Math.min(0.06, reach - 0.4 * below, 0.55 * reach);
     const start = -Math.min(below, 0.052) - palm;
     this.drawNeck(start);
-    const across = isWide ? 0.05 : Math.min(this.width + 2 * OPENING + 0.014, 0.12);
+    const across = isWide ? 0.05 : Math.max(Math.min(this.width + 2 * OPENING + 0.014, 0.12), this.width + 0.02);
     const size = this.side === 1 ? [0.042, across] : [across, 0.042];
     this.add(block(size[0], size[1], palm, 0.007), "tool-solid", new THREE.Vector3(0, 0, start + palm / 2));
     this.add(block(size[0] + 0.002, size[1] + 0.002, 0.007, 0.002), `${this.arm}-arm`, new THREE.Vector3(0, 0, start + 0.3 * palm));
@@ -305,7 +306,9 @@ class Gripper {
 
   /** @param {number} time s */
   setTime(time) {
-    const gap = this.width / 2 + 0.0045 + (1 - closedAt(this.changes, time)) * 0.5 * OPENING;
+    const change = this.changes.filter(({ from }) => from <= time).at(-1) ?? this.changes[0];
+    const [open, held] = [this.width + OPENING, change?.width || this.width];
+    const gap = (open + closedAt(this.changes, time) * (held - open)) / 2 + 0.0045;
     for (const finger of this.fingers) finger.position.setComponent(this.side, finger.userData.sign * gap);
   }
 }

@@ -63,7 +63,7 @@
  * @property {string} [reason] reason of a wait
  */
 
-/** @typedef {{time: number, arm: string, task: string, action: string, xyz: Vector, dwell: number, signal?: string}} Event */
+/** @typedef {{time: number, arm: string, task: string, action: string, xyz: Vector, dwell: number, signal?: string, width?: number}} Event */
 
 /**
  * @typedef {object} Stage
