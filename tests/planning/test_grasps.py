@@ -29,7 +29,11 @@ from dualarm_cli.verification import verify
 CELL = """\
 dualarm: cell/1
 robot: iiwa14
-tools: {left: {tcp: {xyz: [0, 0, 150 mm]}, opening: [10 mm, 50 mm], shapes: [{cylinder: {radius: 20 mm, length: 100 mm}, xyz: [0, 0, 50 mm]}]}}
+tools:
+  left:
+    tcp: {xyz: [0, 0, 150 mm]}
+    opening: [10 mm, 50 mm]
+    shapes: [{cylinder: {radius: 20 mm, length: 100 mm}, xyz: [0, 0, 50 mm]}]
 obstacles: {table: {box: [1, 2, 0.1], xyz: [0.6, 0, -0.05]}}
 parts:
   peg:
