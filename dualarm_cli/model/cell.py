@@ -128,7 +128,7 @@ class Cell:
     grasps: Mapping[str, Mapping[str, Grasp]] = field(default_factory=dict)
     """Grasps of parts by name; parts without any are missing."""
     widths: Mapping[str, float] = field(default_factory=dict)
-    """Distance of the jaws on a part, or on a part as held by a grasp [m]; missing if unknown."""
+    """Distance of the jaws on each part, however it is held [m]; missing if unknown."""
     care: Mapping[str, Care] = field(default_factory=dict)
     """Limits of the motion while a part is held, by part; parts without any are missing."""
     torque: TorqueRule = "limited"

@@ -196,7 +196,7 @@ class Event:
     grasp: str = ""
     """Grasp of the part; empty for a part without grasps."""
     width: float = 0.0
-    """Distance of the tool's jaws that close on the part or let go of it [m]; 0 if unknown."""
+    """Distance of the tool's jaws on the part [m]; 0 if unknown."""
 
     @property
     def moves(self) -> bool:

@@ -105,7 +105,7 @@ def _name(task: Task) -> str:
 
 
 def _key(task: Task) -> tuple[str, str]:
-    """Return what tells the shares of a hand-over apart."""
+    """Return the key of a task, different for both shares of a hand-over."""
     return task.id, task.stops[0].action
 
 

@@ -224,7 +224,7 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[Not
 
 
 def _widths(model: CellFile, grasps: Mapping[str, Mapping[str, Grasp]]) -> dict[str, float]:
-    """List the distance of the jaws on each part [m], and on each part as held by a grasp."""
+    """List the widths of parts [m], and of parts as held by a grasp."""
     widths = {name: part.width for name, part in model.parts.items() if part.width is not None}
     for part, by_name in grasps.items():
         held = {part_as_held(part, grasp.name): grasp.width for grasp in by_name.values()}

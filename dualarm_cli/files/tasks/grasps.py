@@ -91,7 +91,7 @@ def fitting(
 
 
 def _misfit(cell: Cell, arm: str, task: Task, width: float) -> str:
-    """Say why the tool of an arm does not open to the width of a task's grasp; empty if it does."""
+    """Say why an arm's tool does not suit a width [m]; empty if it does."""
     least, most = cell.opening(arm, task.tool)
     if not width or least <= width <= most:
         return ""
