@@ -34,9 +34,9 @@ from dualarm_cli.cli.parts.output import (
     ResultOnlyOption,
     print_json,
     print_message,
+    print_sentences,
     refuse_two_documents,
     stderr_console,
-    stdout_console,
     text_console,
     write_out,
 )
@@ -47,8 +47,6 @@ from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.report.printable import print_lines
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from dualarm_cli.interface import Plan
     from dualarm_cli.kinds.drawing import Draw
     from dualarm_cli.model.job import Job
@@ -211,11 +209,11 @@ def plan_command(
     if json_output:
         print_json(report)
     elif not quiet:
-        _print(report, text_console(out), details)
+        _print(report, out, details)
     if out != STDOUT and not json_output:
         last = _short_result(plan, folder)
         last = last if quiet else _file_line(report, folder, page, details)
-        print_lines(stdout_console(), last)
+        print_sentences(out, last)
     if open_page:
         show_page(folder / PAGE)
     if not plan.verified or not plan.keeps_budget:
@@ -314,12 +312,12 @@ def _plan_watched(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     from dualarm_cli.orders.watch import Watch
 
     watch = Watch(limit=settings.time_limit)
-    # Rich is loaded only where something is shown.
-    console = None if quiet else stderr_console()
     shown: AbstractContextManager[object] = nullcontext()
-    if console is not None:
+    if not quiet:
         status = StatusLine(watch, "planning")
-        shown = console.status(status) if console.is_terminal else lines_of_progress(status)
+        # Rich is loaded only where a terminal shows something.
+        is_terminal = sys.stderr.isatty()
+        shown = stderr_console().status(status) if is_terminal else lines_of_progress(status)
     with (
         shown,
         Interrupts(watch, quiet=quiet),
@@ -328,13 +326,14 @@ def _plan_watched(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
         return planned(job, settings, watch)
 
 
-def _print(report: dict[str, Any], console: Console, details: int) -> None:
+def _print(report: dict[str, Any], out: str | None, details: int) -> None:
     """Print the result, after table and sentences if requested."""
     from dualarm_cli.report.console import result_lines, shown_stages, stage_table, summary_lines
 
     if not details:
-        print_lines(console, *result_lines(report))
+        print_sentences(out, *result_lines(report))
         return
+    console = text_console(out)
     shown, count = shown_stages(report, every=details > 1), len(report["stages"])
     console.print(stage_table(report, shown))
     if len(shown) < count:

@@ -348,6 +348,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             near=replace(NEAR, arm_angles=18, most_nodes=1000, width=20, per_angle=3),
             begun=6,
             refined=6,
+            quickest_moves_only=True,
         ),
         bound=Resolution(step=np.radians(15.0), arm_angles=9, finer=3),
         passing_bound=Resolution(step=np.radians(12.0), arm_angles=8, finer=3),

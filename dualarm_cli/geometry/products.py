@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.native import universal
 
 
@@ -36,3 +37,12 @@ def norm(x: ArrayLike, axis: int | tuple[int, ...] | None = None, keepdims: bool
     # `np.sum` without its own overhead, which is more than the sum of a few numbers.
     total: Any = np.add.reduce(values * values, axis=axis, keepdims=keepdims)  # type: ignore[call-overload]
     return np.sqrt(total)
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Compute vector products along the last axis, as `np.cross` does in three times the time."""
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    result = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    result[..., 0], result[..., 1], result[..., 2] = y * w - z * v, z * u - x * w, x * v - y * u
+    return result

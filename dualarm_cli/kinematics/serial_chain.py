@@ -16,7 +16,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.geometry.elementary import arctan2, cos, sin
 from dualarm_cli.geometry.joint_axes import parallel_deviation
 from dualarm_cli.geometry.linear_systems import least_squares
-from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.products import cross, norm, product
 from dualarm_cli.kinematics.platform_chain import align_z
 from dualarm_cli.kinematics.posture_source import LimitedJoints
 from dualarm_cli.records import dataclass
@@ -158,7 +158,7 @@ class SerialChain(LimitedJoints):
                 # The straight line from neighbour to neighbour, with the two links in one plane through the axis.
                 before, after = link(k), link(k + 1)
                 feet = -float(product(before, axes[k])), float(after[2])
-                away = float(norm(np.cross(before, axes[k]))), float(norm(after[:2]))
+                away = float(norm(cross(before, axes[k]))), float(norm(after[:2]))
                 share = away[0] / sum(away) if sum(away) else 0.0
                 moved[k] = feet[0] + share * (feet[1] - feet[0])
         return float(sum(norm(link(k)) for k in range(1, self.axes + 1)))

@@ -12,7 +12,7 @@ from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.geometry.elementary import TURN, arccos, arctan2, cos, sin
 from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE, SrsGeometry
-from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.products import cross, norm, product
 from dualarm_cli.kinematics.posture_source import (
     LARGEST_STEP,
     PROVEN_MISS,
@@ -391,10 +391,10 @@ class SrsArm(PostureSource):
         change = shifted * (2.0 * np.maximum(upper, np.abs(middle)) + shifted)
         wider = np.minimum(np.sqrt(change), change / np.maximum(radius, TINY))
         aside = np.where(np.abs(along[:, :1]) < 0.7, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        aside = np.cross(along, aside)
+        aside = cross(along, aside)
         aside = aside / norm(aside, axis=1, keepdims=True)
         psi = np.linspace(-np.pi, np.pi, ELBOWS, endpoint=False)[:, None]
-        circle = cos(psi) * aside[:, None] + sin(psi) * np.cross(along, aside)[:, None]
+        circle = cos(psi) * aside[:, None] + sin(psi) * cross(along, aside)[:, None]
         elbow = (middle[:, None] * along)[:, None] + radius[:, None, None] * circle
         # From any elbow to the next one examined: along the circle, by shift and width, and turned with the line.
         off = radius * (np.pi / ELBOWS) + shifted + wider + 2.0 * upper * moved / distance

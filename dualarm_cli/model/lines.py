@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.products import cross, norm, product
 from dualarm_cli.records import dataclass
 
 
@@ -27,10 +28,7 @@ class LineDirection:
         Args:
             R_world_tool: rotation of the tool, shape (3, 3).
         """
-        z = -self._outward(R_world_tool)
-        y = np.cross(z, np.eye(3)[int(abs(z[0]) > 0.9)])
-        y = y / norm(y)
-        return np.stack([np.cross(y, z), y, z], axis=-1)
+        return _axes(tuple(self._outward(R_world_tool).tolist()))
 
     def back(self, R_world_tool: FloatArray, distance: float) -> pin.SE3:
         """Build the displacement by a distance outward [m], in the tool's frame."""
@@ -51,6 +49,15 @@ class LineDirection:
             return self
         x, y, z = product(R, np.array(self.vector)).tolist()
         return replace(self, vector=(x, y, z))
+
+
+@lru_cache(maxsize=64)
+def _axes(outward: tuple[float, float, float]) -> FloatArray:
+    """Complete a unit vector to axes as columns, z opposite to it, shape (3, 3)."""
+    z = -np.array(outward)
+    y = cross(z, np.eye(3)[int(abs(z[0]) > 0.9)])
+    y = y / norm(y)
+    return readonly(np.stack([cross(y, z), y, z], axis=-1))
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,6 @@ from dualarm_cli.model.lying import lying_parts
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, drawn, placed, poses_at, tcp
 from dualarm_cli.verification.lying_bodies import ExecutedJob
-from dualarm_cli.verification.measuring.line_spans import line_spans
-from dualarm_cli.verification.measuring.tool_model import ToolModel
 
 STILL = [0.0, 0.0, 0.0]
 
@@ -60,19 +58,15 @@ def carried_objects(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dic
     return rows
 
 
-def clip_to_lifetimes(
-    rows: Sequence[dict[str, Any]], schedule: Schedule, job: Job
-) -> list[dict[str, Any]]:
+def clip_to_lifetimes(rows: Sequence[dict[str, Any]], motion: ExecutedJob) -> list[dict[str, Any]]:
     """Clip the keyframes of parts to the lifetimes of their bodies in the verification.
 
     Args:
         rows: of `carried_objects`.
-        schedule: who does what when.
-        job: as it was done.
+        motion: what was done when.
     """
-    tools = ToolModel(schedule)
-    motion, shown = ExecutedJob(schedule, job, line_spans(schedule, job, tools), tools), []
-    lives = {lying.key: motion.lies(lying) for lying in lying_parts(job, motion.visits)}
+    shown = []
+    lives = {lying.key: motion.lies(lying) for lying in lying_parts(motion.job, motion.visits)}
     for carried in rows:
         steps = [dict(step) for step in carried["keyframes"]]
         for key, event in motion.events.items():
@@ -84,7 +78,7 @@ def clip_to_lifetimes(
             if stop.action == "pick":
                 offset = begin * np.array(steps[0]["velocity"])
                 steps[0] |= {"time": begin, "xyz": (np.array(steps[0]["xyz"]) + offset).tolist()}
-            elif stop.action == "place" and end < schedule.duration:
+            elif stop.action == "place" and end < motion.schedule.duration:
                 steps.append({**steps[-1], "time": end, "body": None})
         shown.append({**carried, "keyframes": steps})
     return shown

@@ -5,7 +5,7 @@ They include the least clearances over time, with the pair of bodies that is nea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,9 @@ from dualarm_cli.report.torques import has_torques
 from dualarm_cli.robot_import.proposed_tool import tool_notes
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import watched_pairs
+from dualarm_cli.verification.lying_bodies import ExecutedJob
+from dualarm_cli.verification.measuring.line_spans import LineSpan, line_spans
+from dualarm_cli.verification.measuring.tool_model import ToolModel
 from dualarm_cli.verification.torque_checks import InverseDynamics, torque_samples
 
 
@@ -60,7 +63,10 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
     tcps = {arm.name: tcp(model, job.cell, arm.name) for arm in job.cell.robot.arms}
     hands = drawn_hands(model, job.cell)
     seen = solids(model, job.cell, hulls)
-    moved = clip_to_lifetimes(carried_objects(schedule, done, hulls), schedule, done)
+    tools = ToolModel(schedule)
+    spans = line_spans(schedule, done, tools)
+    motion = ExecutedJob(schedule, done, spans, tools)
+    moved = clip_to_lifetimes(carried_objects(schedule, done, hulls), motion)
     return {
         "format": "dualarm.page/1",
         "title": plan_title(schedule),
@@ -86,7 +92,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "events": [event_row(event) for event in schedule.events],
         "stages": [stage_row(stage) for stage in schedule.stages],
         "pieces": _pieces(schedule),
-        "clearances": clearance_curves(schedule, done),
+        "clearances": clearance_curves(schedule, done, spans),
         "torques": torque_curves(schedule, done),
     }
 
@@ -216,7 +222,9 @@ class PageSettings:
 PAGE = PageSettings()
 
 
-def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
+def clearance_curves(
+    schedule: Schedule, job: Job, spans: Sequence[LineSpan]
+) -> list[dict[str, Any]]:
     """Sample the least clearance over a motion, as curves of the page.
 
     One curve covers all pairs except those of near links (`are_near`), which have their own curve. Permitted contacts
@@ -225,11 +233,12 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     Args:
         schedule: a verified one.
         job: as it was done (`job_as_done`).
+        spans: of its stops (`line_spans`).
 
     Returns:
         The curves that have pairs: two, one or none.
     """
-    watched = watched_pairs(schedule, job)
+    watched = watched_pairs(schedule, job, spans)
     model, solids, pairs, windows = watched.model, watched.solids, watched.pairs, watched.windows
     proven = schedule.verification.clearances if schedule.verification is not None else ()
     nearest = {name for stage in proven for name in stage.bodies}

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-from rich.markup import escape
-from rich.table import Table
+from typing import TYPE_CHECKING, Any
 
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.schedule import WORK_ENDS
 from dualarm_cli.model.verification import exceptions
 from dualarm_cli.notes import Note, of_arm
 from dualarm_cli.report.printable import numbers
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 NOTHING = "–"
 """Text of empty cells."""
@@ -64,6 +64,9 @@ def stage_table(report: dict[str, Any], shown: Sequence[int] | None = None) -> T
         report: as built by `build_report`.
         shown: indices of the shown stages; None for all.
     """
+    from rich.markup import escape
+    from rich.table import Table
+
     stages, slides = report["stages"], report["platform_slides"]
     title = f"{report['robot']}: stages"
     methods = [stage["platform_solver"] for stage in stages if stage["tasks"]]

@@ -225,7 +225,7 @@ def _solved(problem: MethodProblem) -> Decided:
         nonlocal starts, failure
         if given or general or (not greedy if on_grid else problem.without_margin is not None):
             return []
-        starts, failure = _starts(problem)
+        starts, failure = _starts(problem, on_grid)
         return [decisions_of(numbers, model, stages) for stages in starts.values()]
 
     decided = [] if problem.start is None else [problem.start]
@@ -321,14 +321,21 @@ def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
 
 
 def _starts(
-    problem: MethodProblem,
+    problem: MethodProblem, on_grid: bool
 ) -> tuple[dict[str, list[StagePlan]], InfeasibleError | None]:
-    """Plan by the simpler methods without refinement; also return the first refusal."""
+    """Plan by the simpler methods without refinement; also return the first refusal.
+
+    Args:
+        problem: the problem of the method.
+        on_grid: whether the search's grids have a plan.
+    """
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
     long = len(problem.job.stages()) > SCALING.long
     # In long sequences the plan of `linearised` is nearly that of `exact`.
     names = [name for name in problem.simpler if not (long and name == "linearised")]
+    if on_grid and problem.settings.search.quickest_moves_only:
+        names = []
     rough = choose_stages_with(problem, [*names, MINIMUM_TIME], refine=False)
     for name, plan in rough.items():
         if isinstance(plan, InfeasibleError):

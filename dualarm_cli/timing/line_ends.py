@@ -7,7 +7,7 @@ states is computed by ruckig. A pattern search over both families minimises R + 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -81,12 +81,10 @@ class Passings:
     away: bool = True
     """Whether the tool departs from the target; otherwise it arrives."""
 
-    def index(self, profile: int, cut: int) -> int:
-        """Return the index of one of the PROFILES and CUTS.
-
-        A cut beyond them, or a missing line, stands for rest.
-        """
-        return 0 if cut >= len(CUTS) or len(self.launches) == 1 else 1 + profile * len(CUTS) + cut
+    @property
+    def indices(self) -> Mapping[Place, int]:
+        """Indices of launches by those of profile and cut; without a line all are at rest."""
+        return _indices(len(self.launches) > 1)
 
     def within(self, limits: JointLimits) -> Passings:
         """Let launches with rates beyond other limits take forever."""
@@ -148,9 +146,10 @@ def quickest_pair(
     transfer, platform = MovingTransfer(problem, room), problem.minimum_duration
     times = before.time.tolist(), after.time.tolist()
     least = {(0, 0): times[0][0] + rest + times[1][0]}
+    first, second = before.indices, after.indices
 
     def time(pair: tuple[Place, Place], limit: float) -> float:
-        i, j = before.index(*pair[0]), after.index(*pair[1])
+        i, j = first[pair[0]], second[pair[1]]
         if (i, j) not in least:
             lines = times[0][i] + times[1][j]
             if lines + platform >= limit:
@@ -175,7 +174,18 @@ def quickest_pair(
                 tried.add(candidate)
                 if (total := time(candidate, best)) < best - ENDS.less:
                     best, pair, moved = total, candidate, True
-    return before.index(*pair[0]), after.index(*pair[1]), best
+    return first[pair[0]], second[pair[1]], best
+
+
+@cache
+def _indices(has_launches: bool) -> Mapping[Place, int]:
+    """Number the launches by their indices of profile and cut; the last cut stands for rest."""
+    cuts = len(CUTS)
+    return {
+        (profile, cut): 1 + profile * cuts + cut if has_launches and cut < cuts else 0
+        for profile in range(len(PROFILES))
+        for cut in range(cuts + 1)
+    }
 
 
 @cache
@@ -257,7 +267,7 @@ class _End:
         ends = []
         for k, (constant, cruise, inner, cut) in enumerate(numbers):
             launch = Launch(constant, cruise, inner, cut, int(coordinate[k]))
-            ends.append(replace(self, time=float(time[k]), rates=rates[k], launch=launch))
+            ends.append(_End(float(time[k]), rates[k], launch, self.path, self.away))
         return list(zip(varied, ends, strict=True))
 
 

@@ -22,7 +22,7 @@ from dualarm_cli.geometry.linear_systems import (
     solve_banded,
     zeros_of,
 )
-from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.products import cross, norm, product
 from dualarm_cli.geometry.splines import PoseSpline, closed_quintic_spline, quintic_spline
 from dualarm_cli.native import LIBRARY
 
@@ -55,6 +55,16 @@ def test_a_product_is_that_of_numpy(shapes):
     found = product(a, b)
     assert np.shape(found) == (a @ b).shape
     np.testing.assert_allclose(found, a @ b, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "shapes", [((3,), (3,)), ((9, 3), (3,)), ((4, 1, 3), (5, 3)), ((0, 3), (3,))]
+)
+def test_a_vector_product_has_the_bits_of_numpys(shapes):
+    """Of vectors and stacks."""
+    random = np.random.default_rng(2)
+    a, b = (random.normal(size=shape) for shape in shapes)
+    np.testing.assert_array_equal(cross(a, b), np.cross(a, b))
 
 
 def test_a_product_of_transposed_factors():

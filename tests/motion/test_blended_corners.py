@@ -139,11 +139,11 @@ def test_ways_are_found_by_profile_and_cut(limits):
     problem = LineProblem(limits.joints, path, length, limits)
     ways = Passings.along(problem, 0.4, away=True)
     assert ways.launches[0] is None and ways.time[0] == 0.4 and not ways.rates[0].any()
-    found = ways.launches[ways.index(2, 3)]
+    found = ways.launches[ways.indices[2, 3]]
     assert (found.constant, found.cruise, found.inner) == PROFILES[2]
     assert found.cut == CUTS[3]
-    assert ways.index(5, len(CUTS)) == 0
-    assert Passings.none(7).index(2, 3) == 0
+    assert ways.indices[5, len(CUTS)] == 0
+    assert Passings.none(7).indices[2, 3] == 0
     coming = Passings.along(problem, 0.4, away=False)
     estimated = launches(problem)
     np.testing.assert_array_equal(ways.rates[1:, 0], estimated.velocity)

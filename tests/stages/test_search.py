@@ -372,7 +372,7 @@ def test_simpler_methods_begin_short_sequences_only(
     """Longer ones have a plan on the grid, and no use for theirs."""
     count = int(EFFORTS["quick"].search.begun) + beyond
     calls, starts = [], sequence._starts
-    monkeypatch.setattr(sequence, "_starts", lambda one: (calls.append(1), starts(one))[1])
+    monkeypatch.setattr(sequence, "_starts", lambda *of: (calls.append(1), starts(*of))[1])
     decided = sequence.solve_sequence(_method_problem(random_job(3, (count, count))))
     assert len(decided.stages) == count
     assert len(calls) == asked
@@ -392,7 +392,7 @@ def test_where_the_grids_have_no_plan_simpler_methods_plans_serve(
         MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle"), "minimum_time"
     )
     assert sum(one.duration for one in found.stages) <= 1.1 * sum(one.duration for one in single)
-    monkeypatch.setattr(sequence, "_starts", lambda _: pytest.fail("asked"))
+    monkeypatch.setattr(sequence, "_starts", lambda *_: pytest.fail("asked"))
     with pytest.raises(InfeasibleError):
         sequence.solve_sequence(_method_problem(job, without_margin=_method_problem(job)))
 

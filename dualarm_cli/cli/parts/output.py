@@ -80,14 +80,31 @@ def stdout_console() -> Console:
             """Re-raise the error instead of ending the process with 1."""
             raise BrokenPipeError
 
-    if isinstance(sys.stdout, TextIOWrapper):
-        # A stdout that is not UTF-8 gets escapes for unsupported characters, not a traceback.
-        sys.stdout.reconfigure(errors="backslashreplace")
+    _escape_unsupported()
     console = Console(highlight=False, soft_wrap=False)
     # Programs without a terminal set COLUMNS to 0.
     if console.is_terminal or os.environ.get("COLUMNS", "").lstrip("0").isdigit():
         return console
     return Console(highlight=False, width=PIPE_WIDTH)
+
+
+def _escape_unsupported() -> None:
+    """Give a stdout that is not UTF-8 escapes for unsupported characters, not a traceback."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def print_sentences(out: object, *texts: str) -> None:
+    """Print sentences: on stderr if standard output gets the result.
+
+    Rich, which takes 20 ms to load, is for terminals and for colours that are asked for.
+    """
+    stream = sys.stderr if str(out) == STDOUT else sys.stdout
+    if stream.isatty() or os.environ.get("FORCE_COLOR"):
+        print_lines(text_console(out), *texts)
+        return
+    _escape_unsupported()
+    stream.write("\n".join(texts) + "\n")
 
 
 def stderr_console() -> Console:

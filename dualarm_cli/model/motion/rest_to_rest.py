@@ -6,7 +6,7 @@ Times hold between states at rest, and as lower bounds between any states of mot
 from __future__ import annotations
 
 from dataclasses import field
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,9 @@ class RestToRest:
 
     def duration(self, distance: FloatArray) -> FloatArray:
         """Compute the time of the slowest joint [s], shape (...), for displacements (..., n)."""
-        slowest: FloatArray = self.per_joint(distance).max(axis=-1)
+        times = np.moveaxis(self.per_joint(distance), -1, 0)
+        # Along rows of seven numpy's maximum takes sixteen times as long as from column to column.
+        slowest: FloatArray = reduce(np.maximum, times) if times.size > 512 else times.max(axis=0)
         return slowest
 
     def reachable_distance(self, duration: FloatArray) -> FloatArray:
