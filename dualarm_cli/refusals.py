@@ -248,6 +248,8 @@ _CLEARANCE = {
     "{measured:mm} into '{into}', at best",
     "tool_too_near": "task '{task}': {arm} arm cannot {action}: at the target or on its lines {held} and {into} lack "
     "{measured:mm} of clearance, at best",
+    "line_ends_near": "task '{task}': {arm} arm cannot {action}: where its {where}, '{held}' is {measured:mm} from "
+    "'{into}', at best, and {allowed:mm} are required",
     "same_room": "task '{task}': where it has to {action}, '{body}' {how:*} '{part}' of task '{other_task}', which "
     "{verb} there ({there}), in either order",
     "in_the_way": "task '{task}': where it has to {action}, '{body}' {how:*} '{part}' of task '{other_task}', which "
@@ -394,5 +396,9 @@ REMEDIES: Mapping[str, str] = {
     "check_unit": "check the units (a plain number is m)",
     "allow_contact": "list the two in `allowed_contacts` if they may touch",
     "move_work": "move the work or the base of the robot",
+    "longer_approach": "make `approach` longer",
+    "longer_retract": "make `retract` longer",
+    "longer_straight": "make `straight` longer",
+    "own_clearance": "give the two a clearance of their own (`clearances`)",
 }
 """Remedies by name, without those of the kinds of work."""

@@ -13,8 +13,9 @@ from dualarm_cli.collision.clearance import LEVER
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.errors import BlockedError
 from dualarm_cli.geometry.elementary import TURN
-from dualarm_cli.model.job import ANY, Job, JointTarget, PoseTarget, Stop, Task
-from dualarm_cli.postures.holding import Holding
+from dualarm_cli.model.job import ANY, GIVES, LYING, Job, JointTarget, PoseTarget, Stop, Task
+from dualarm_cli.model.part_flow import kind_of_part
+from dualarm_cli.postures.holding import Holding, TooNearObstacle
 from dualarm_cli.refusals import Refusal
 
 MOST_PAIRS = 30
@@ -87,23 +88,30 @@ def _never_clear(
     return [(*pair, margin) for pair, margin in largest.items()]
 
 
-def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into: str) -> Refusal:
-    """Return the refusal of a part or tool that is inside an obstacle at a stop.
+def reaches_into(task: Task, stop: Stop, arm: str, fault: TooNearObstacle) -> Refusal:
+    """Return the refusal of a part or tool too near to an obstacle.
 
     Args:
         task: the task of the stop.
         stop: the stop.
         arm: the arm at the stop.
-        held: name of the part or tool.
-        depth: least penetration [m].
-        into: name of the obstacle.
+        fault: the part or tool, and the obstacle.
     """
-    details = {"action": stop.action.split("_")[0], "held": held, "into": into}
-    code = "part_reaches_into" if held == task.part else "tool_reaches_into"
-    remedy: tuple[str, ...] = ()
-    if held != task.part and not task.is_change:
-        code, remedy = "tool_too_near", ("move_target", "allow_contact")
-    return Refusal(code, stop.place, task.id, arm, depth, remedy=remedy, data=details)
+    is_part = fault.held == task.part
+    held = kind_of_part(fault.held) if is_part else fault.held
+    details = {"action": stop.action.split("_")[0], "held": held, "into": fault.into}
+    if fault.needed is not None:
+        where = "approach begins" if stop.action in GIVES else "retract ends"
+        line = where.split()[0]
+        # Without `blend: none`, lines are as long as their straight parts.
+        line = "straight" if getattr(stop, line) == stop.straight else line
+        details |= {"where": where}
+        values = fault.needed - fault.lacks, fault.needed, (f"longer_{line}", "own_clearance")
+        return Refusal("line_ends_near", stop.place, task.id, arm, *values, details)
+    code, advice = "part_reaches_into" if is_part else "tool_reaches_into", tuple[str, ...]()
+    if not task.is_change and not (is_part and stop.action in LYING):
+        code, advice = "tool_too_near", ("move_target", "allow_contact")
+    return Refusal(code, stop.place, task.id, arm, fault.lacks, remedy=advice, data=details)
 
 
 def grip_faults(job: Job) -> list[Refusal]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import coal
 import numpy as np
@@ -163,7 +164,7 @@ class HeldBody:
 def held_bodies(cell: Cell, arm: str, task: Task, stop: Stop) -> list[HeldBody]:
     """List the bodies with shapes of an arm at a stop.
 
-    They are its fixed tool, a changed tool, and a part that may lie.
+    They are its fixed tool, a changed tool, and its part.
 
     Args:
         cell: with tools and parts.
@@ -182,11 +183,11 @@ def held_bodies(cell: Cell, arm: str, task: Task, stop: Stop) -> list[HeldBody]:
         tool_body(arm, task.tool),
         pin.SE3.Identity(),
     )
-    at_stand, lying = task.is_change, of_part if stop.action in LYING else ()
+    at_stand = task.is_change
     rows = [
         (fixed_body, fixed_body, fixed_tool.tcp.inverse(), fixed_tool.shapes, both, False),
         (task.tool, changed, identity, of_tool, line if at_stand else both, at_stand),
-        (task.part, task.part, identity, lying, line, True),
+        (task.part, task.part, identity, of_part, line, stop.action in LYING),
     ]
     return [
         HeldBody(name, body, tuple(shape_solid(body, WORLD, T, x) for x in shapes), lines, rests)
@@ -215,14 +216,39 @@ def reaches(cell: Cell, held_body: HeldBody, stop: Stop) -> Iterator[tuple[float
         held_body: the body.
         stop: the stop.
     """
-    things = []
-    for thing in cell.obstacles:
-        needed = required(cell, held_body.body, thing.name)
-        if needed is not None:
-            solid = shape_solid(thing.name, WORLD, pin.SE3.Identity(), thing.shape)
-            things.append((solid, 0.0 if held_body.rests else needed))
+    things = _obstacles(cell, held_body)
+    if held_body.rests:
+        things = [(solid, 0.0) for solid, _ in things]
     for T_world_tool in turned_poses(stop):
         yield undercut(held_body, T_world_tool, things, OVERLAP)
+
+
+def misses_at_ends(cell: Cell, held_body: HeldBody, stop: Stop) -> Iterator[tuple[float, str]]:
+    """Yield what a resting body lacks of clearance where its line ends [m].
+
+    At each yaw, with the obstacle. Beyond its line the body must keep clear. As for `reaches`, OVERLAP and an empty
+    name mean none.
+
+    Args:
+        cell: with obstacles.
+        held_body: the body, which has one line.
+        stop: the stop.
+    """
+    things = _obstacles(cell, held_body)
+    [(length, line)] = held_body.lines
+    there = replace(held_body, lines=((0.0, line),))
+    for T_world_tool in turned_poses(stop):
+        end = T_world_tool * line.back(T_world_tool.rotation, length)
+        yield undercut(there, end, things, OVERLAP)
+
+
+def _obstacles(cell: Cell, held_body: HeldBody) -> list[tuple[Solid, float]]:
+    """List the obstacles that a body must not touch, each with its required distance [m]."""
+    return [
+        (shape_solid(thing.name, WORLD, pin.SE3.Identity(), thing.shape), needed)
+        for thing in cell.obstacles
+        if (needed := required(cell, held_body.body, thing.name)) is not None
+    ]
 
 
 def undercut(

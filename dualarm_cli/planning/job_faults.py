@@ -188,7 +188,7 @@ class _Faults:
         if not self.check_collisions or stop.moves:
             return None
         obstacle = too_near_obstacle(self.job.cell, arm, task, stop)
-        return None if obstacle is None else reaches_into(task, stop, arm, *obstacle)
+        return None if obstacle is None else reaches_into(task, stop, arm, obstacle)
 
     def _unreached(
         self, arm: str, task: Task, stop: Stop, slack: float = PROVEN_MISS, turn: float = 0.0
@@ -245,7 +245,10 @@ def _by_no_arm(task: Task, arms: list[str], faults: list[Refusal]) -> Refusal:
     """Build the fault of a task that no arm can do, with reasons."""
     causes = []
     for arm, fault in zip(arms, faults, strict=True):
-        cause = fault.data.get("cause", replace(fault, place=None, remedy=()))
+        cause = fault.data.get("cause")
+        if cause is None:  # its sentence names arm and action
+            causes.append(replace(fault, place=None, remedy=()))
+            continue
         data = {"action": fault.data["action"], "cause": cause}
         at = Refusal("at_stop", data=data) if len(task.stops) > 1 else cause
         causes.append(Refusal("by_arm", arm=arm, data={"cause": at}))

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
-from dualarm_cli.collision.lying import YAW_STEPS, held_bodies, reaches, stop_yaws
+from dualarm_cli.collision.lying import (
+    YAW_STEPS,
+    held_bodies,
+    misses_at_ends,
+    reaches,
+    required,
+    stop_yaws,
+)
 from dualarm_cli.collision.scenes import stage_scenes
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.cell import Cell
@@ -97,43 +104,72 @@ class Holding:
 def _fitting_yaws(job: Job, arm: str, task: Task, stop: Stop) -> FloatArray:
     """Select the yaws of a stop at which its part penetrates no obstacle.
 
-    Target and lines are tested. All yaws are returned if it fits at none.
+    Target and lines are tested; at the end of its line it has clearance, too. All yaws are returned if it fits at none.
     """
     yaws, bodies = stop_yaws(stop), held_bodies(job.cell, arm, task, stop)
     # A tool may touch its stand as a part may touch its support.
     resting = [body for body in bodies if body.rests]
     if not resting or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
         return yaws
-    fits = [not into for _, into in reaches(job.cell, resting[0], stop)]
+    both = zip(
+        reaches(job.cell, resting[0], stop),
+        misses_at_ends(job.cell, resting[0], stop),
+        strict=True,
+    )
+    fits = [not into and not near for (_, into), (_, near) in both]
     return yaws[fits] if any(fits) else yaws
 
 
-def too_near_obstacle(
-    cell: Cell, arm: str, task: Task, stop: Stop
-) -> tuple[str, float, str] | None:
-    """Find a tool or part too near to an obstacle at every turn.
+@dataclass(frozen=True)
+class TooNearObstacle:
+    """Tool or part that is too near to an obstacle at every turn."""
 
-    Tools keep the clearance, but for those at their stands; parts may lie on things.
+    held: str
+    """Name of the tool or part."""
+    into: str
+    """Name of the obstacle."""
+    lacks: float
+    """Least lack of clearance, or penetration [m]."""
+    needed: float | None = None
+    """Required distance where its line ends [m]; None if the fault is elsewhere."""
+
+
+def too_near_obstacle(cell: Cell, arm: str, task: Task, stop: Stop) -> TooNearObstacle | None:
+    """Find a tool or part too near to an obstacle at every turn; None if unproven.
+
+    Tools keep the clearance, but for those at their stands; parts may lie on things as far as their lines go.
 
     Args:
         cell: with obstacles.
         arm: name of the arm.
         task: task of the stop.
         stop: the stop.
-
-    Returns:
-        Name of the tool or part, its least lack of clearance or penetration [m], and the obstacle; None if unproven.
     """
     if not isinstance(stop.target, PoseTarget) or not cell.obstacles:
         return None
     for body in held_bodies(cell, arm, task, stop):
         # Between two tested yaws, each point has moved by no more than this.
         between = np.pi / YAW_STEPS * body.radius if stop.target.free_yaw else 0.0
-        lacking = []
-        for lacks, into in reaches(cell, body, stop):
-            if not into or lacks <= between:
-                break
-            lacking.append((lacks, into))
-        else:
-            return body.name, *min(lacking)
+        if fault := _least_lack(reaches(cell, body, stop), between):
+            return TooNearObstacle(body.name, fault[1], fault[0])
+        if body.rests and (fault := _least_lack(misses_at_ends(cell, body, stop), between)):
+            needed = required(cell, body.body, fault[1])
+            return TooNearObstacle(body.name, fault[1], fault[0], needed)
     return None
+
+
+def _least_lack(by_yaw: Iterable[tuple[float, str]], between: float) -> tuple[float, str] | None:
+    """Select the least lack of clearance over all yaws [m] with its obstacle.
+
+    None if some yaw lacks none.
+
+    Args:
+        by_yaw: lack of clearance and obstacle at each tested yaw.
+        between: largest lack that a yaw between two tested ones may remove [m].
+    """
+    lacking = []
+    for lacks, into in by_yaw:
+        if not into or lacks <= between:
+            return None
+        lacking.append((lacks, into))
+    return min(lacking)

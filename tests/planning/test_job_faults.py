@@ -182,6 +182,59 @@ def test_a_tool_that_fits_between_the_turns_that_are_tried_is_left_to_the_planne
     assert job_faults(job(task, "", allowed)) == []
 
 
+CUBE = "parts: {cube: {shapes: [{box: [40 mm, 40 mm, 40 mm], xyz: [0, 0, 20 mm]}]}}\nclearance: 10 mm\n"
+"""Part that ends 40 mm beyond the tip of the tool."""
+
+
+@pytest.mark.parametrize(
+    ("free", "line"), [("", "approach: 6 mm"), (", free: yaw", "straight: 6 mm")]
+)
+def test_a_part_leaves_what_it_lies_on_within_its_line(job, free, line):
+    """It stands on the table; its line, or the straight part of it, begins 6 mm above, where 10 mm are required."""
+    cell = IIWAS + CUBE
+    task = (
+        "  - {id: a, arm: left, part: cube, retract: 30 mm, approach: 30 mm,\n"
+        f"     pick: {{xyz: [0.5, 0.5, 0.04], {DOWN}}},\n"
+        f"     place: {{xyz: [0.6, 0.5, 0.04], {DOWN}{free}}}}}\n"
+    )
+    # A tip 300 mm from the shoulder's axis and 40 mm above the table: in reach.
+    assert job_faults(job(task, "", cell).blended()) == []
+    short = (
+        task.replace("approach: 30 mm", line)
+        if "approach" in line
+        else task.replace("retract", f"{line}, retract")
+    )
+    faults = job_faults(job(short, "", cell).blended())
+    assert [fault.data["action"] for fault in faults] == (
+        ["place"] if "approach" in line else ["pick", "place"]
+    )
+    fault = faults[-1]
+    assert (fault.key, fault.task, fault.arm) == ("line_ends_near", "a", "left")
+    assert (fault.measured, fault.allowed) == (pytest.approx(0.006, abs=1e-6), 0.01)
+    assert f"make `{line.split(':')[0]}` longer" in fault.sentence
+    own = cell + "clearances: [{between: [cube, table], clearance: 5 mm}]\n"
+    assert job_faults(job(short, "", own).blended()) == []
+
+
+def test_a_part_that_is_handed_over_keeps_clear_of_obstacles(job):
+    """At the meeting a beam is 4 mm beyond the cube, which ends 40 mm below the giving tool's tip."""
+    beam = "  beam: {box: [0.3, 20 mm, 20 mm], xyz: [0.4, 0, 0.446]}\n"
+    task = (
+        "  - {id: a, arm: left, part: cube, retract: 30 mm, approach: 30 mm,\n"
+        f"     pick: {{xyz: [0.5, 0.5, 0.04], {DOWN}}},\n"
+        f"     handover: {{xyz: [0.4, 0, 0.5], {DOWN}, grip: {{xyz: [0, 0, 20 mm], rpy: [90 deg, 0, 0]}}}},\n"
+        f"     place: {{xyz: [0.5, -0.5, 0.1], {DOWN}}}}}\n"
+    )
+    faults = job_faults(job(task, "", IIWAS + beam + CUBE))
+    near = {fault.data["action"]: fault for fault in faults if fault.data.get("held") == "cube"}
+    assert {action: fault.data["into"] for action, fault in near.items()} == {
+        "give": "beam",
+        "take": "beam",
+    }
+    for fault in near.values():
+        assert fault.key == "tool_too_near" and fault.measured == pytest.approx(0.006, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     "robot", ["sda10f", "iiwa7", "openarm", "yumi", "nextage", "spherical", "ur5"]
 )
