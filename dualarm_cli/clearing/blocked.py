@@ -104,9 +104,10 @@ def reaches_into(task: Task, stop: Stop, arm: str, fault: TooNearObstacle) -> Re
         where = "approach begins" if stop.action in GIVES else "retract ends"
         line = where.split()[0]
         # Without `blend: none`, lines are as long as their straight parts.
-        line = "straight" if getattr(stop, line) == stop.straight else line
+        longer = "longer_approach" if line == "approach" else "longer_retract"
+        longer = "longer_straight" if getattr(stop, line) == stop.straight else longer
         details |= {"where": where}
-        values = fault.needed - fault.lacks, fault.needed, (f"longer_{line}", "own_clearance")
+        values = fault.needed - fault.lacks, fault.needed, (longer, "own_clearance")
         return Refusal("line_ends_near", stop.place, task.id, arm, *values, details)
     code, advice = "part_reaches_into" if is_part else "tool_reaches_into", tuple[str, ...]()
     if not task.is_change and not (is_part and stop.action in LYING):
