@@ -288,7 +288,9 @@ _MOTION = {
 }
 _TORQUES = {
     "cannot_hold": "{joint} needs {measured:.4g} {unit} to hold still at {time:.2f} s{carrying}, {share:.0%} of its "
-    "effort; give a lighter part or another target, or springs and the true effort in the robot file (`torques`)",
+    "effort{tried:*}; give a lighter part or another target, or springs and the true effort in the robot file "
+    "(`torques`)",
+    "other_arm_cannot_hold": ", and the {arm} arm cannot hold it, either",
     "rated": "{joint} needs {measured:.4g} {unit} on average (RMS) over the cycle, {share:.0%} of its rated effort, "
     "even if motion is {factor:g} times slower; give a lighter part, or targets with shorter levers",
     "overload": "{joint} needs {measured:.4g} {unit} at {time:.2f} s{carrying}, {share:.0%} of its effort",

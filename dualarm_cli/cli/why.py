@@ -71,8 +71,9 @@ def why_command(
     replanned: list[Replanned] = []
     if seconds != 0.0:
         store = open_store(cache, no_cache)
-        with evaluators(jobs, None, None) as run:
-            replanned = _replanned(schedule, job, file, estimates, (run, store, seconds), quiet)
+        until = None if seconds is None else monotonic() + seconds
+        with evaluators(jobs, None, None, until) as run:
+            replanned = _replanned(schedule, job, file, estimates, (run, store, until), quiet)
         say_unkept(store)
     document = why_of(schedule, job, file, estimates, replanned)
     if json_output:
@@ -180,19 +181,26 @@ def _replanned(
     means: tuple[Any, Any, float | None],
     quiet: bool,
 ) -> list[Replanned]:
-    """Plan the largest levers anew, within a time [s] if one is given."""
+    """Plan the largest levers anew, until an instant of the clock if one is given.
+
+    A message says how many plans ended unfinished then.
+    """
     from dualarm_cli.background import usable_cores
     from dualarm_cli.evaluation.request import case_name
     from dualarm_cli.levers.replanning import Replanner, replan, request_of
 
-    run, store, seconds = means
+    run, store, until = means
     request = request_of(schedule, file, case_name(file))
-    until = None if seconds is None else monotonic() + seconds
     required = None if job.budget is None else job.budget.cycle_time
     with progress_bar("planning", 0, quiet) as show:
         tell = (lambda done, words: None) if show is None else show
         replanner = Replanner(schedule, request, run, store, until, usable_cores(), tell)
         replan(replanner, estimates, required)
+    if replanner.cut:
+        count = "1 plan was" if replanner.cut == 1 else f"{replanner.cut} plans were"
+        print_message(
+            f"note: {count} cut off as the time of --budget was over; give more for its results"
+        )
     return replanner.results
 
 

@@ -226,7 +226,7 @@ def reaches(cell: Cell, held_body: HeldBody, stop: Stop) -> Iterator[tuple[float
 def misses_at_ends(cell: Cell, held_body: HeldBody, stop: Stop) -> Iterator[tuple[float, str]]:
     """Yield what a resting body lacks of clearance where its line ends [m].
 
-    At each yaw, with the obstacle. Beyond its line the body must keep clear. As for `reaches`, OVERLAP and an empty
+    At each yaw, with the obstacle. Beyond its line it must not touch anything. As for `reaches`, OVERLAP and an empty
     name mean none.
 
     Args:

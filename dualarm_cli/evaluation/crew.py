@@ -177,14 +177,18 @@ class WorkersFailedError(DualArmError):
 class Crew:
     """Pool of worker processes, started on demand and kept until `close`."""
 
-    def __init__(self, processes: int, timeout: float | None = None) -> None:
+    def __init__(
+        self, processes: int, timeout: float | None = None, until: float | None = None
+    ) -> None:
         """Store the limits; no process is started yet.
 
         Args:
             processes: maximum number, at least one.
             timeout: maximum time of one request in a ready process [s]; None for no limit.
+            until: instant of the monotonic clock at which running requests end unanswered [s], or None.
         """
         self._processes, self._timeout = max(1, processes), timeout
+        self._until = math.inf if until is None else until
         self._workers: list[WorkerProcess] = []
         self._failed_starts: list[str] = []
 
@@ -203,7 +207,7 @@ class Crew:
             self._workers.pop()
 
     def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
-        """Yield the index and evaluation of each request on completion.
+        """Yield the index and evaluation of each request on completion, as long as the time allows.
 
         Processes start at once, and load their libraries while the caller prepares to listen.
 
@@ -233,7 +237,7 @@ class Crew:
         self._failed_starts.clear()
         # Processes that have died since the last requests are replaced; no request is lost to them.
         self._collect(requests, again, 0.0)
-        while left:
+        while left and time.monotonic() < self._until:
             self._assign(requests, waiting, again)
             done = self._collect(requests, again, self._time_to_deadline())
             left -= len(done)
@@ -297,7 +301,8 @@ class Crew:
     def _time_to_deadline(self) -> float:
         """Compute the time until the next deadline of a process [s]."""
         limits = [limit for w in self._workers if (limit := self._deadline(w)) is not None]
-        return min(CREW.longest_wait, max(0.0, min(limits, default=math.inf) - time.monotonic()))
+        wait = min([self._until, *limits]) - time.monotonic()
+        return min(CREW.longest_wait, max(0.0, wait))
 
     def _deadline(self, worker: WorkerProcess) -> float | None:
         """Compute the deadline of a process; None without a limit."""

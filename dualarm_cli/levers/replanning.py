@@ -78,13 +78,18 @@ class Replanner:
     store: Store | None
     """Store of evaluations, or None."""
     until: float | None = None
-    """Instant of the monotonic clock after which nothing is begun [s], or None."""
+    """Instant of the monotonic clock after which nothing is begun [s], or None.
+
+    The evaluating function leaves requests that run then unanswered.
+    """
     batch: int = 2
     """Number of plans that are begun together, if there is a limit of time."""
     tell: Callable[[int, str], None] = lambda done, words: None
     """Progress callback: number of finished plans, and words."""
     results: list[Replanned] = field(default_factory=list)
     """All results so far."""
+    cut: int = 0
+    """Number of plans that were begun and not finished in time."""
 
     def plan(self, sets: Sequence[tuple[Lever, ...]], most: int | None = None) -> None:
         """Plan the first new sets of levers, as far as the time allows."""
@@ -104,6 +109,7 @@ class Replanner:
                 by_index[answer.index] = result
                 self.tell(len(self.results) + len(fresh) + len(by_index), "")
             fresh += [by_index[k] for k in sorted(by_index)]
+            self.cut += len(now) - len(by_index)
         self.results += fresh
 
 

@@ -369,6 +369,12 @@ class Job(ShownInNotebooks):
         """Whether any task or held part slows the motion."""
         return any(task.care.slows or task.holding.slows for task in self.tasks)
 
+    def under(self, care: Care) -> Job:
+        """Lower speed and tool speed to the limits of a path or seam."""
+        speed, cap = self.speed * care.speed, min(care.tool_speed, self.tool_speed or math.inf)
+        slowed = replace(self, speed=speed, tool_speed=cap if cap < math.inf else None)
+        return slowed if care.slows else self
+
     @property
     def start_posture(self) -> str:
         """Name of the start posture; home for a free start."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -15,9 +15,6 @@ from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.lines import Line
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.records import dataclass
-
-if TYPE_CHECKING:
-    from dualarm_cli.model.job import Job
 
 ON_AXIS = 1e-6
 """Largest distance between the z axes of tool and part for common turns [m, rad]."""
@@ -241,14 +238,6 @@ class Care:
             min(self.tool_speed, care.tool_speed),
             min(self.tilt, care.tilt),
         )
-
-    def over(self, job: Job) -> Job:
-        """Lower speed and tool speed of a job to these limits, for a path or seam."""
-        if not self.slows:
-            return job
-        cap = min(self.tool_speed, math.inf if job.tool_speed is None else job.tool_speed)
-        tool_speed = None if math.isinf(cap) else cap
-        return replace(job, speed=job.speed * self.speed, tool_speed=tool_speed)
 
     @property
     def slows(self) -> bool:

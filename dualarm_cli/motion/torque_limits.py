@@ -377,11 +377,17 @@ def _cannot_hold(
 ) -> BlockedError:
     """Build the error of a joint that cannot hold still: another arm may."""
     torque, effort, data = _overload_data(job, time, joint, torque, held)
-    refusal = Refusal("cannot_hold", measured=torque, allowed=effort, data=data)
-    arms = [arm.name for arm in job.cell.robot.arms if data["joint"] in arm.joints]
+    refusal = Refusal("cannot_hold", measured=torque, allowed=effort, data={**data, "tried": []})
+    arms = _arms_of(job, joint)
     # A tool alone is no reason against the task that took it.
     unheld = tuple((load.arm, load.task) for load in held if load.arm in arms and load.held.part)
     return BlockedError(refusal, stages=(), unheld=unheld)
+
+
+def _arms_of(job: Job, joint: int) -> list[str]:
+    """List the arm that has a joint; none for a joint of the platform."""
+    robot = job.cell.robot
+    return [arm.name for arm in robot.arms if robot.joints[joint] in arm.joints]
 
 
 def _overload(job: Job, part: _Instants, row: int) -> tuple[float, float, dict[str, object]]:
@@ -400,7 +406,7 @@ def _overload_data(
     robot = job.cell.robot
     effort = float(robot.torques.effort[joint])
     torque = abs(torque) + float(robot.torques.coulomb[joint])
-    arms = [arm.name for arm in robot.arms if robot.joints[joint] in arm.joints]
+    arms = _arms_of(job, joint)
     # A joint of an arm does not bear what the other arm carries.
     loads = [f"{load.arm} {load.held.name}" for load in held if load.arm in arms or not arms]
     return (

@@ -27,6 +27,7 @@ from dualarm_cli.planning.notes import order_bound_note, order_note
 from dualarm_cli.planning.planned_job import PlannedJob
 from dualarm_cli.planning.room_rules import planned_around
 from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.serving import SEQUENCE
 
 
@@ -116,7 +117,7 @@ def _searched(
         except BlockedError as error:
             last = tries == searches + trials.separations
             if last or tried.count == count_before or tried.is_hopeless:
-                raise
+                raise tried.explained(error) from None
             # Exclude the colliding stops and search again from the best order.
             first = orders.ranked[0].job
             watch.report(f"searching without {tried.count} pairs of stops or arms of tasks")
@@ -127,7 +128,7 @@ def _searched(
                 next_orders = search.orders(watch) if is_full_search else search.as_it_is()
             except InfeasibleError:
                 # No-goods are not rules of the job: report the collision instead.
-                raise error from None
+                raise tried.explained(error) from None
             orders = replace(next_orders, bound=orders.bound)
             tries += 1
 
@@ -196,6 +197,8 @@ class _Tried:
     """Pairs of stops that collide in the same stage."""
     others: set[ArmTask] = field(default_factory=set)
     """(arm, task) pairs excluded by a collision without the other arm, or by weight."""
+    unheld: set[ArmTask] = field(default_factory=set)
+    """(arm, task) pairs whose part the arm could not hold still."""
 
     @property
     def count(self) -> int:
@@ -205,6 +208,7 @@ class _Tried:
     def add(self, job: Job, error: BlockedError) -> None:
         """Learn from an order whose plan collides."""
         before = len(self.others)
+        self.unheld.update(error.unheld)
         movable = self.either - {task for _, task in self.others}
         self.others |= {pair for pair in error.unheld if pair[1] in movable}
         # Later collisions may follow from the first one: learn one task at a time.
@@ -215,6 +219,17 @@ class _Tried:
         self.pairs |= _blocked_pairs(job, error.stages)
         # A task that moves to the other arm is progress, not a failure.
         self.alone += error.alone and len(self.others) == before
+
+    def explained(self, error: BlockedError) -> BlockedError:
+        """Add to a refusal by weight the arms that could not hold the same part, either."""
+        arm, task = error.unheld[0] if error.unheld else ("", "")
+        arms = sorted(by for by, name in self.unheld if name == task and by != arm)
+        if not arms:
+            return error
+        first, *others = error.refusals
+        tried = [Refusal("other_arm_cannot_hold", arm=name) for name in arms]
+        first = replace(first, data={**first.data, "tried": tried})
+        return BlockedError(first, *others, stages=error.stages, unheld=error.unheld)
 
     def repeats(self, job: Job) -> bool:
         """Return whether an order gives a task to an arm that cannot do it."""

@@ -78,7 +78,7 @@ class SectionPlanner(SectionTools):
                 planner._add_stops(record, section, position)
             else:
                 # The limits of a path or seam hold for the motion to it as well.
-                slowed = replace(planner.problem, job=section[0].care.over(planner.problem.job))
+                slowed = replace(planner.problem, job=planner.problem.job.under(section[0].care))
                 tools = replace(planner, problem=slowed)
                 kind.add(tools, record, section, position, after)
             planner = replace(planner, done=(*planner.done, *section))

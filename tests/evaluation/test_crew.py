@@ -122,6 +122,17 @@ def test_a_process_that_takes_too_long_is_ended_and_tried_once_more(stand_in):
     }
 
 
+def test_what_runs_when_the_time_is_over_is_not_answered(stand_in):
+    """Nor is what waits; its processes are ended, those that idle remain until the crew closes."""
+    begin = time.monotonic()
+    with Crew(2, until=begin + 2.0) as crew:
+        found = {e.case: e.status for _, e in crew.run(asked("a", "hang", "hang2", "b"))}
+        assert 2.0 <= time.monotonic() - begin < 5.0
+        assert found == {"a": "planned"}
+        assert not [worker for worker in crew._workers if worker.attempt]
+        assert list(crew.run(asked("c"))) == []
+
+
 def test_processes_that_are_never_ready_are_given_up(monkeypatch):
     """Instead of starting them forever; why is in their last words. Whoever asks again is answered again."""
     monkeypatch.setattr(module, "_START", "import sys; print('lost'); sys.exit('no library')")

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from io import StringIO
+from itertools import islice
 from pathlib import Path
 from time import monotonic
 from types import SimpleNamespace
@@ -292,6 +293,16 @@ def check_results(
     [words] = sentences(Plan(), required, replanner.results, [])  # type: ignore[arg-type]
     if required is not None:
         assert words.startswith(f"needs {required:g} s: ")
+
+
+def test_plans_without_an_answer_in_time_are_counted() -> None:
+    """Of two that are begun together the second one is answered."""
+    replanner = planner(monotonic() + 1e3)
+    whole = replanner.run
+    replanner.run = lambda requests: islice(whole(requests), 1)
+    replanner.plan([(lever("first", "a"),), (lever("second", "b"),)])
+    assert [result.names[0].strip() for result in replanner.results] == ["second"]
+    assert replanner.cut == 1
 
 
 def test_nothing_is_begun_after_the_budget() -> None:

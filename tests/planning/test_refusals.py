@@ -219,10 +219,16 @@ def test_parts_too_heavy_for_an_arm_go_to_the_other_one():
     tried.add(SimpleNamespace(stages=list), BlockedError(TOUCHES, stages=(), unheld=heavy))
     assert tried.others == set(heavy[:2])
     # The other arm cannot hold one, either: nothing is left to learn.
-    tried.add(
-        SimpleNamespace(stages=list), BlockedError(TOUCHES, stages=(), unheld=(("right", "a"),))
+    data = {"joint": "r7", "unit": "N m", "time": 0, "carrying": "", "share": 1.1, "tried": []}
+    last = BlockedError(
+        Refusal("cannot_hold", measured=7.7, data=data), stages=(), unheld=(("right", "a"),)
     )
+    tried.add(SimpleNamespace(stages=list), last)
     assert tried.count == 2
+    told = str(tried.explained(last))
+    assert (
+        "110% of its effort, and the left arm cannot hold it, either; give a lighter part" in told
+    )
 
 
 CROWDED = """\

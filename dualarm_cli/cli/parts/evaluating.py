@@ -48,7 +48,9 @@ def open_store(cache: Path | None, no_cache: bool) -> Store | None:
 
 
 @contextmanager
-def evaluators(jobs: int | None, scheduler: str | None, timeout: float | None) -> Iterator[Run]:
+def evaluators(
+    jobs: int | None, scheduler: str | None, timeout: float | None, until: float | None = None
+) -> Iterator[Run]:
     """Yield a function that evaluates requests, on this machine or a cluster.
 
     Processes or cluster are opened with the first requests.
@@ -57,20 +59,23 @@ def evaluators(jobs: int | None, scheduler: str | None, timeout: float | None) -
         jobs: processes on this machine, started when there is work for them; None for one per core.
         scheduler: address of a Dask cluster instead.
         timeout: how long one request may take [s]; None for no limit.
+        until: instant of the monotonic clock at which processes end unanswered requests [s], or None.
     """
     with ExitStack() as stack:
         opened: list[Crew | Cluster] = []
 
         def run(requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
             if not opened:
-                opened.append(_open(jobs, scheduler, timeout))
+                opened.append(_open(jobs, scheduler, timeout, until))
                 stack.callback(opened[0].close)
             return opened[0].run(requests)
 
         yield run
 
 
-def _open(jobs: int | None, scheduler: str | None, timeout: float | None) -> Crew | Cluster:
+def _open(
+    jobs: int | None, scheduler: str | None, timeout: float | None, until: float | None
+) -> Crew | Cluster:
     if scheduler is not None:
         from dualarm_cli.evaluation.cluster import Cluster
 
@@ -78,7 +83,7 @@ def _open(jobs: int | None, scheduler: str | None, timeout: float | None) -> Cre
     from dualarm_cli.background import usable_cores
     from dualarm_cli.evaluation.crew import Crew
 
-    return Crew(jobs or usable_cores(), timeout)
+    return Crew(jobs or usable_cores(), timeout, until)
 
 
 def say_unkept(store: Store | None) -> None:

@@ -88,7 +88,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         work = section[0].path
         if work is None:
             continue
-        motions, paced = {}, section[0].care.over(job)
+        motions, paced = {}, job.under(section[0].care)
         work = followed_work(schedule, model, work, section[0].id)
         for task in section:
             segments = _segments(schedule, task.arm, task.id)

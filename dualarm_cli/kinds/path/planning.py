@@ -112,7 +112,7 @@ def check_paths(job: Job) -> list[Diagnostic]:
         if task.path is None:
             continue
         place, length = task.path.place, task.path.length
-        speed = task.path.speed * task.care.over(job).speed
+        speed = task.path.speed * job.under(task.care).speed
         least = length / speed
         if least > TRIALS.longest:
             message = (
@@ -277,7 +277,7 @@ def least_time(job: Job, section: Section) -> float:
     """Compute a path's least duration [s]: its length at the requested speed."""
     work = section[0].path
     assert work is not None
-    return work.length / (work.speed * section[0].care.over(job).speed)
+    return work.length / (work.speed * job.under(section[0].care).speed)
 
 
 PLANNING = KindPlanning(

@@ -243,7 +243,7 @@ def check_seams(
             message = f"{task}: it needs one segment of kind seam for each arm that works, at the same time"
             worst["seam_progress"].add(np.inf, message)
             continue
-        measured = MeasuredSeam(schedule, section[0].care.over(job), model, work)
+        measured = MeasuredSeam(schedule, job.under(section[0].care), model, work)
         SeamJudge(worst, measured, slave_segments[0], lines).judge()
     lost, nothing = "no seam has its segments", "not required by any seam"
     return [

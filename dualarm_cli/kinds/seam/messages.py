@@ -62,7 +62,7 @@ def seam_faults(job: Job) -> list[Diagnostic]:
         work = task.seam
         if work is None:
             continue
-        speed = task.care.over(job).speed
+        speed = job.under(task.care).speed
         place = (work.place.file, work.place.line, work.place.column, "E300")
         if work.method is not None and work.method not in SEAM_SOLVERS.names:
             names = ", ".join(SEAM_SOLVERS.names)

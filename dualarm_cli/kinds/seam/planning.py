@@ -156,7 +156,7 @@ def least_entry(job: Job, section: Section) -> float:
     work = section[0].seam
     assert work is not None
     return max(
-        0.0, (work.entry_duration or 0.0) / section[0].care.over(job).speed - work.dwell_start
+        0.0, (work.entry_duration or 0.0) / job.under(section[0].care).speed - work.dwell_start
     )
 
 
@@ -164,7 +164,7 @@ def least_time(job: Job, section: Section) -> float:
     """Compute the lower bound on a seam's duration [s]."""
     work = section[0].seam
     assert work is not None
-    return seam_bound(work, section[0].care.over(job).speed)
+    return seam_bound(work, job.under(section[0].care).speed)
 
 
 PLANNING = KindPlanning(
