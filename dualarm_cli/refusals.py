@@ -7,14 +7,17 @@ here, so that no reader has to parse a place or a number from text. Sentences of
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
 from textwrap import indent
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from dualarm_cli.explanations import kind_refusals
 from dualarm_cli.notes import filled
 from dualarm_cli.records import dataclass
+
+Row = TypeVar("Row")
 
 
 class Located(Protocol):
@@ -133,9 +136,34 @@ def message(refusals: Iterable[Refusal], placed: Refusal | None = None, begin: s
     return "\n".join(_message_of_kind(key, rows, placed, begin) for key, rows in kinds.items())
 
 
+def few_at_each_place(
+    rows: Sequence[Row], places: Sequence[object], most: int = 3
+) -> Iterator[tuple[Row, str]]:
+    """Select what is shown of the faults of each place, with the number of the others.
+
+    A repeated task has one place for all its tasks, which often fail alike.
+
+    Args:
+        rows: faults in order.
+        places: their places; None for a fault that is shown in any case.
+        most: number of faults that are shown of each place.
+    """
+    total, seen = Counter(places), Counter[object]()
+    for row, place in zip(rows, places, strict=True):
+        seen[place] += 1
+        if place is None or seen[place] < most or total[place] == most:
+            yield row, ""
+        elif seen[place] == most:
+            yield row, f"\n... and {total[place] - most} more here"
+
+
 def _message_of_kind(key: str, rows: list[Refusal], placed: Refusal | None, begin: str) -> str:
     """Write the message for refusals of the same fault, a line for each."""
-    texts = [refusal.sentence if refusal is placed else str(refusal) for refusal in rows]
+    places = [row.place if row.place is not None and row.place.line else None for row in rows]
+    texts = [
+        (refusal.sentence if refusal is placed else str(refusal)) + more
+        for refusal, more in few_at_each_place(rows, places)
+    ]
     text = "\n".join(begin + text for text in texts)
     if key in HEADS:
         text = f"{begin}{rows[0].filled(HEADS[key])}:\n" + indent("\n".join(texts), "  ")

@@ -34,6 +34,21 @@ def test_twenty_are_shown_and_the_rest_is_counted() -> None:
     assert "more" not in render(many[:20])
 
 
+def test_three_faults_of_a_repeated_task_are_shown() -> None:
+    """They have one place, and the rest is counted; other places are shown."""
+
+    def fault(k: int, line: int) -> Diagnostic:
+        return Diagnostic("f", line, 1, "E610", f"task a[{k}]", about={"task": f"a[{k}]"})
+
+    lines = render([fault(k, 5) for k in range(1, 21)] + [fault(21, 6)]).splitlines()
+    assert lines == [
+        *(f"error[E610]: f:5:1: task a[{k}]" for k in (1, 2, 3)),
+        "... and 17 more here",
+        "error[E610]: f:6:1: task a[21]",
+    ]
+    assert len(render([fault(k, 5) for k in range(1, 4)]).splitlines()) == 3
+
+
 def test_so_many_mistakes_that_telling_them_would_fill_the_memory_are_counted(
     project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -102,6 +102,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("symmetry: 2", "symmetry: 2.0", "11:45: E200 must be a whole number, not 2.0"),
         ("xyz: [0.2, 0.5, 0.8], ", "", "11:12: E200 no target; give xyz ([0, 0, 0] at the frame), with rpy or quat, joints or posture"),
         ("at: bin.slot", "at: bin.slit", "10:16: E300 the cell has no frame 'bin.slit', did you mean 'bin.slot'? It has: bin, bin.slot, world"),
+        ("at: bin.slot", "at: 'bin[1,2]'", "10:16: E300 'bin[1,2]' is no frame; for one place of a grid write `at: bin` and, such as for the second along y, `each: {x: [1, 1], y: [2, 2]}`"),
         ("at: bin.slot", "at: bin, in: bin", "10:21: E200 'in' and 'at' both name the frame; keep one"),
         ("-90 deg]", "-90 deg], symmetry: 2", "14:36: E200 'symmetry' does not go with 'joints'; keep one"),
         ("-90 deg]", "-90 deg, 1]", "14:20: E300 3 joint positions; the arm has 2 joints: r1, r2"),

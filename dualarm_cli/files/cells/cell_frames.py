@@ -121,6 +121,11 @@ def frame_pose(
     if name not in frames:
         names = [*frames, WORLD]
         message = f"the cell has no frame {quote(name)}{suggest(name, names, 'it has')}"
+        if (grid := name.partition("[")[0]) in frames and name.endswith("]"):
+            message = (
+                f"{quote(name)} is no frame; for one place of a grid write `at: {grid}` and, such as for the second "
+                "along y, `each: {x: [1, 1], y: [2, 2]}`"
+            )
         findings.add(document, loc, message)
         return None
     return frames[name]

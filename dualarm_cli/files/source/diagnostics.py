@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, get_args
 
 from dualarm_cli.errors import Diagnostic, DualArmError, InfeasibleError, InputError
 from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.refusals import few_at_each_place
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
@@ -214,10 +215,12 @@ def error_text(error: DualArmError) -> str:
 def render(diagnostics: list[Diagnostic]) -> str:
     """Format diagnostics as errors with source line and a caret below the column.
 
-    The first MAX_SHOWN are shown, the rest is counted.
+    The first MAX_SHOWN are shown, few of the same kind and place; the rest is counted.
     """
-    parts = [_render_one(diagnostic) for diagnostic in diagnostics[:MAX_SHOWN]]
-    more = len(diagnostics) - MAX_SHOWN
+    places = [(d.place, d.code) if d.about else None for d in diagnostics]
+    few = list(few_at_each_place(diagnostics, places))
+    parts = [_render_one(diagnostic) + more for diagnostic, more in few[:MAX_SHOWN]]
+    more = len(few) - MAX_SHOWN
     if more > 0:
         parts.append(f"... and {more} more")
     return "\n".join(parts)
