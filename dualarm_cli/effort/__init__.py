@@ -313,7 +313,10 @@ class EffortSettings:
     seam_starts: int
     """Number of seam starts that are improved."""
     widths: int = 1
-    """Number of step widths for the refinement of launches."""
+    """Number of step widths for the refinement of launches.
+
+    Plans of quick effort keep these launches: 3 instead of 1 make them 0.3 % shorter. Others are refined later.
+    """
     short_stops: int = 24
     """Number of stops up to which open orders are planned with less effort, too."""
     sequence: SequenceSettings = SequenceSettings()
@@ -357,6 +360,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         section_starts=1,
         seam_samples=500,
         seam_starts=2,
+        widths=3,
     ),
     "normal": EffortSettings(
         orders=StageEffort(
