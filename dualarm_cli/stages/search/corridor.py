@@ -57,9 +57,6 @@ class Pool:
         decisions = self.plans[int(picked[0])]
         for m in distinct(picked):
             decisions = decisions.put(np.nonzero(picked == m)[0], self.plans[m])
-        if self.problem.has_arm_angles:
-            # Closed forms are fast, and their last bits do not depend on the number of plans.
-            return evaluate(self.problem, decisions)
         stage = np.arange(len(picked))
         arms = tuple(
             CandidatePostures(*(getattr(arm, f.name)[stage, picked] for f in fields(arm)))
