@@ -364,7 +364,7 @@ class Job(ShownInNotebooks):
 
         return replace(self, tasks=tuple(map(decided, self.tasks)))
 
-    @property
+    @cached_property
     def slows(self) -> bool:
         """Whether any task or held part slows the motion."""
         return any(task.care.slows or task.holding.slows for task in self.tasks)
