@@ -16,7 +16,6 @@ from dualarm_cli.stages.plans.source import postures
 from dualarm_cli.stages.plans.times import (
     Evaluated,
     TransferChain,
-    evaluate,
     held,
     in_seconds,
     left_with,
