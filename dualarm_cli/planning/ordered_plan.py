@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import field, replace
 from functools import partial
 
@@ -117,7 +117,7 @@ def _searched(
         except BlockedError as error:
             last = tries == searches + trials.separations
             if last or tried.count == count_before or tried.is_hopeless:
-                raise tried.explained(error) from None
+                raise naming_other_arms(error, tried.unheld) from None
             # Exclude the colliding stops and search again from the best order.
             first = orders.ranked[0].job
             watch.report(f"searching without {tried.count} pairs of stops or arms of tasks")
@@ -128,7 +128,7 @@ def _searched(
                 next_orders = search.orders(watch) if is_full_search else search.as_it_is()
             except InfeasibleError:
                 # No-goods are not rules of the job: report the collision instead.
-                raise tried.explained(error) from None
+                raise naming_other_arms(error, tried.unheld) from None
             orders = replace(next_orders, bound=orders.bound)
             tries += 1
 
@@ -220,17 +220,6 @@ class _Tried:
         # A task that moves to the other arm is progress, not a failure.
         self.alone += error.alone and len(self.others) == before
 
-    def explained(self, error: BlockedError) -> BlockedError:
-        """Add to a refusal by weight the arms that could not hold the same part, either."""
-        arm, task = error.unheld[0] if error.unheld else ("", "")
-        arms = sorted(by for by, name in self.unheld if name == task and by != arm)
-        if not arms:
-            return error
-        first, *others = error.refusals
-        tried = [Refusal("other_arm_cannot_hold", arm=name) for name in arms]
-        first = replace(first, data={**first.data, "tried": tried})
-        return BlockedError(first, *others, stages=error.stages, unheld=error.unheld)
-
     def repeats(self, job: Job) -> bool:
         """Return whether an order gives a task to an arm that cannot do it."""
         if not self.others:
@@ -241,6 +230,23 @@ class _Tried:
     def is_hopeless(self) -> bool:
         """Whether no further order is tried."""
         return self.alone >= self.most
+
+
+def naming_other_arms(error: BlockedError, unheld: Iterable[ArmTask]) -> BlockedError:
+    """Add to a refusal by weight the arms that cannot hold the same part, either.
+
+    Args:
+        error: of an arm that cannot hold a part; others are returned as they are.
+        unheld: all (arm, task) pairs whose part the arm could not hold still.
+    """
+    arm, task = error.unheld[0] if error.unheld else ("", "")
+    arms = sorted({by for by, name in unheld if name == task and by != arm})
+    if not arms:
+        return error
+    first, *others = error.refusals
+    tried = [Refusal("other_arm_cannot_hold", arm=name) for name in arms]
+    first = replace(first, data={**first.data, "tried": tried})
+    return BlockedError(first, *others, stages=error.stages, unheld=error.unheld)
 
 
 def _lone_tasks(job: Job, stages: Collection[int]) -> list[ArmTask]:

@@ -183,13 +183,22 @@ def _by_one_arm(work: PlannedJob, watch: Watch) -> Schedule | None:
     """Plan a short job whose open tasks one arm does; return the faster plan, or None.
 
     The grid of a search for orders has few postures, and may leave one arm for each task.
+
+    Raises:
+        BlockedError: it fails by the weight of a part alone.
     """
-    plans = []
+    plans, heavy = [], list[BlockedError]()
     for job in by_one_arm(work.job) if _is_short(work) else ():
         if not watch.stop():
             watch.report("planning the tasks of either arm by one arm")
-            with suppress(InfeasibleError):
+            try:
                 plans.append(ROUTES[work.route](work.with_job(job), watch))
+            except InfeasibleError as error:
+                heavy += [error] if isinstance(error, BlockedError) and error.unheld else []
+    if heavy and not plans:
+        from dualarm_cli.planning.ordered_plan import naming_other_arms
+
+        raise naming_other_arms(heavy[0], [pair for error in heavy for pair in error.unheld])
     if not plans:
         return None
     best = min(plans, key=lambda schedule: schedule.duration)

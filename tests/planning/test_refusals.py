@@ -225,7 +225,7 @@ def test_parts_too_heavy_for_an_arm_go_to_the_other_one():
     )
     tried.add(SimpleNamespace(stages=list), last)
     assert tried.count == 2
-    told = str(tried.explained(last))
+    told = str(ordered_plan.naming_other_arms(last, tried.unheld))
     assert (
         "110% of its effort, and the left arm cannot hold it, either; give a lighter part" in told
     )
