@@ -160,6 +160,20 @@ class Cell:
         """
         return (self.tool_changes[arm].tools[tool].tool if tool else self.tools[arm]).opening
 
+    def opens_to(self, arm: str, tool: str, width: float) -> bool:
+        """Check whether the jaws of an arm's tool open to a width [m].
+
+        They open to an unknown one, 0.
+
+
+        Args:
+            arm: its name.
+            tool: changed tool that is on; empty for none.
+            width: distance of the jaws.
+        """
+        least, most = self.opening(arm, tool)
+        return not width or least <= width <= most
+
     def width(self, part: str) -> float:
         """Return the distance of the jaws on a part [m]; 0 if unknown.
 

@@ -168,7 +168,9 @@ class _Faults:
             return fault
         remedy, pose = fault.remedy, stop.target.pose
         if task.arm == arm and not task.shared and not task.is_change:
-            others = [name for name in self._arms_with(task.tool) if name != arm]
+            cell, arms = self.job.cell, self._arms_with(task.tool)
+            fits = [name for name in arms if cell.opens_to(name, task.tool, cell.width(task.part))]
+            others = [name for name in fits if name != arm]
             tried = [self._bare_fault(name, task, s) for name in others for s in task.stops]
             if tried and not any(tried):
                 remedy = ("any_arm", *remedy)

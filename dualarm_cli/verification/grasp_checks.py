@@ -86,10 +86,9 @@ def _wrong_width(job: Job, task: Task, event: Event) -> list[str]:
     width, where = job.cell.width(task.part), f"{event.task} ({event.action})"
     if abs(event.width - width) > TOL.pose_distance:
         return [f"{where}: {1e3 * event.width:g} mm wide instead of {1e3 * width:g} mm"]
-    if width and event.arm in job.cell.tools:
-        least, most = job.cell.opening(event.arm, task.tool)
-        if not least <= width <= most:
-            return [f"{where}: the {event.arm} tool does not open to {1e3 * width:g} mm"]
+    is_arm = event.arm in job.cell.tools
+    if is_arm and not job.cell.opens_to(event.arm, task.tool, width):
+        return [f"{where}: the {event.arm} tool does not open to {1e3 * width:g} mm"]
     return []
 
 

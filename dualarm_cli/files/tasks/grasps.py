@@ -92,9 +92,9 @@ def fitting(
 
 def _misfit(cell: Cell, arm: str, task: Task, width: float) -> str:
     """Say why an arm's tool does not suit a width [m]; empty if it does."""
-    least, most = cell.opening(arm, task.tool)
-    if not width or least <= width <= most:
+    if cell.opens_to(arm, task.tool, width):
         return ""
+    least, most = cell.opening(arm, task.tool)
     grasp = f" in grasp {quote(task.grasp.of)}" if task.grasp is not None else ""
     tool = f"tool {quote(task.tool)} of the {arm} arm" if task.tool else f"the {arm} tool"
     return (
