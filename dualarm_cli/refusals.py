@@ -220,6 +220,8 @@ _POSTURES = {
     "too_near_shoulder": "{point} is {measured:mm} too near the shoulder for the elbow joint's limits ({where})",
     "beyond_limits": "at {point} no arm angle and branch keeps all joints within their limits",
     "not_from_one_angle": "its target and the ends of its lines are in reach, but not from one platform angle",
+    "not_from_one_turn": "its target and the ends of its lines are in reach, but not at one turn of the tool about its "
+    "axis; shorten its lines or move the target",
     "not_from_one_place": "its target and the ends of its lines are in reach, but not from one platform position",
     "posture_misses": "no posture reaches {point}: the nearest one within limits misses it by {measured:mm} and "
     "{degrees:.1f} deg ({where})",

@@ -165,7 +165,6 @@ class Cell:
 
         They open to an unknown one, 0.
 
-
         Args:
             arm: its name.
             tool: changed tool that is on; empty for none.

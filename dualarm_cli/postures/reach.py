@@ -90,6 +90,8 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
             remedy = ("move_target" if stop.free_yaw else "move_target_or_free_yaw",)
         details = {"point": point.name, "where": where}
         return Refusal(message, measured=abs(miss), remedy=remedy, data=details)
+    if not model.platform.joints:
+        return Refusal("not_from_one_turn")
     return Refusal("not_from_one_place" if model.platform.is_rail else "not_from_one_angle")
 
 

@@ -70,6 +70,16 @@ def test_the_point_of_the_line_that_fails_is_named(refusal):
     assert "the start of the 1000 mm approach is" in text
 
 
+def test_a_robot_without_a_platform_is_told_of_turns_of_its_tool(refusal):
+    """Target and end of the line are in reach, each at other turns."""
+    tcp = "tools: {left: {tcp: {xyz: [0, 0, 100 mm]}}}"
+    pick = "pick: {xyz: [0.16, 0.02, 0.34], rpy: [180 deg, 0, 0], free: yaw}"
+    place = "place: {xyz: [0.22, 0.3, 0.34], rpy: [180 deg, 0, 0], free: yaw}"
+    task = f"{{id: t, arm: left, approach: 50 mm, {pick}, {place}}}"
+    text = refusal(f"robot: openarm\n{tcp}", task)
+    assert "not at one turn of the tool" in text and "platform" not in text
+
+
 def test_only_the_arm_at_fault_is_blamed(refusal):
     """The left arm's target is easy; the right one's is out of the world."""
     text = refusal(
