@@ -8,7 +8,7 @@ states is computed by ruckig. A pattern search over both families minimises R + 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import cache
 
 import numpy as np
@@ -237,38 +237,61 @@ class _End:
             return cls(float(time), rates, None)
         return cls(float(time), rates, launch, path_of(line), lines.away)
 
-    def changed(self, halved: int, varied_numbers: Sequence[int]) -> list[tuple[int, _End]]:
-        """Vary numbers of the launch up and down; return variants with the number's index.
+    def changed(self, halved: int, varied_numbers: Sequence[int]) -> _Variants:
+        """Vary numbers of the launch up and down.
 
         Args:
             halved: number of halvings of the widest steps.
             varied_numbers: indices of the numbers to vary.
         """
+        variants = _Variants(self)
         if self.launch is None or self.path is None:
-            return []
+            return variants
         current = [self.launch.constant, self.launch.cruise, self.launch.inner, self.launch.cut]
-        numbers, varied = [], []
+        share = power(0.5, halved)
         for number in varied_numbers:
             least, largest, relative = RANGES[number]
-            step = ENDS.widest[number] * power(0.5, halved) * (1.0 + relative * current[number])
+            step = ENDS.widest[number] * share * (1.0 + relative * current[number])
             for value in (current[number] + step, current[number] - step):
                 if (value := min(max(value, least), largest)) != current[number]:
-                    numbers.append([*current[:number], value, *current[number + 1 :]])
-                    varied.append(number)
-        if not numbers:
-            return []
-        variants = np.array(numbers)
-        profiles, cuts = np.ascontiguousarray(variants[None, :, :3]), variants[None, :, 3].copy()
+                    variants.numbers.append([*current[:number], value, *current[number + 1 :]])
+                    variants.varied.append(number)
+        if not variants.numbers:
+            return variants
+        numbers = np.array(variants.numbers)
+        profiles, cuts = np.ascontiguousarray(numbers[None, :, :3]), numbers[None, :, 3].copy()
         estimates = trajectories.launched_lines(self.path, profiles, cuts, COMPARED)
         coordinate, time, velocity, acceleration = (x[0] for x in estimates)
         joints, towards = self.rates.shape[1], 1.0 if self.away else -1.0
         # With a limit of tool speed the path has one more joint.
-        rates = np.stack([velocity[:, :joints] * towards, acceleration[:, :joints]], axis=1)
-        ends = []
-        for k, (constant, cruise, inner, cut) in enumerate(numbers):
-            launch = Launch(constant, cruise, inner, cut, int(coordinate[k]))
-            ends.append(_End(float(time[k]), rates[k], launch, self.path, self.away))
-        return list(zip(varied, ends, strict=True))
+        variants.rates = np.empty((len(time), 2, joints))
+        variants.rates[:, 0] = velocity[:, :joints] * towards
+        variants.rates[:, 1] = acceleration[:, :joints]
+        variants.time, variants.coordinate = time.tolist(), coordinate.tolist()
+        return variants
+
+
+@dataclass
+class _Variants:
+    """Variants of the launch of a line, each by one number."""
+
+    line: _End
+    """Line with the launch that is varied."""
+    numbers: list[list[float]] = field(default_factory=list)
+    """Constant, cruise, inner and cut of each variant."""
+    varied: list[int] = field(default_factory=list)
+    """Index of the number that is varied."""
+    time: list[float] = field(default_factory=list)
+    """Duration of the line [s]."""
+    coordinate: list[int] = field(default_factory=list)
+    """Index of the path coordinate, see `Launch`."""
+    rates: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 0)))
+    """Rates at the outer end in the direction of motion, shape (k, 2, n)."""
+
+    def end(self, k: int) -> _End:
+        """Build the line with a variant."""
+        launch = Launch(*self.numbers[k], self.coordinate[k])
+        return _End(self.time[k], self.rates[k], launch, self.line.path, self.line.away)
 
 
 def refined_pair(
@@ -297,21 +320,20 @@ def refined_pair(
         for _ in range(ENDS.sweeps):
             moved = False
             for side in (0, 1):
-                remaining = ends[side].changed(width, ENDS.numbers)
-                while remaining:
-                    number, end = remaining.pop(0)
-                    candidate = [end, ends[1]] if side == 0 else [ends[0], end]
-                    line_time = candidate[0].time + candidate[1].time
-                    if line_time + problem.minimum_duration >= best:
-                        continue
-                    time = line_time + transfer.duration(
-                        candidate[0].rates, candidate[1].rates, best - line_time
-                    )
-                    if time < best - ENDS.less:
-                        best, ends, moved = time, candidate, True
-                        remaining = end.changed(
-                            width, ENDS.numbers[ENDS.numbers.index(number) + 1 :]
-                        )
+                variants, k = ends[side].changed(width, ENDS.numbers), 0
+                while k < len(variants.time):
+                    line_time = variants.time[k] + ends[1 - side].time
+                    if line_time + problem.minimum_duration < best:
+                        rates = [ends[0].rates, ends[1].rates]
+                        rates[side] = variants.rates[k]
+                        time = line_time + transfer.duration(*rates, best - line_time)
+                        if time < best - ENDS.less:
+                            best, ends[side], moved = time, variants.end(k), True
+                            following = ENDS.numbers.index(variants.varied[k]) + 1
+                            variants = ends[side].changed(width, ENDS.numbers[following:])
+                            k = 0
+                            continue
+                    k += 1
             if not moved:
                 break
     return ends[0].launch, ends[1].launch
