@@ -290,7 +290,8 @@ class _Variants:
 
     def end(self, k: int) -> _End:
         """Build the line with a variant."""
-        launch = Launch(*self.numbers[k], self.coordinate[k])
+        constant, cruise, inner, cut = self.numbers[k]
+        launch = Launch(constant, cruise, inner, cut, self.coordinate[k])
         return _End(self.time[k], self.rates[k], launch, self.line.path, self.line.away)
 
 
@@ -324,9 +325,9 @@ def refined_pair(
                 while k < len(variants.time):
                     line_time = variants.time[k] + ends[1 - side].time
                     if line_time + problem.minimum_duration < best:
-                        rates = [ends[0].rates, ends[1].rates]
-                        rates[side] = variants.rates[k]
-                        time = line_time + transfer.duration(*rates, best - line_time)
+                        other, varied = ends[1 - side].rates, variants.rates[k]
+                        leaving, arriving = (other, varied) if side else (varied, other)
+                        time = line_time + transfer.duration(leaving, arriving, best - line_time)
                         if time < best - ENDS.less:
                             best, ends[side], moved = time, variants.end(k), True
                             following = ENDS.numbers.index(variants.varied[k]) + 1
