@@ -325,8 +325,8 @@ def refined_pair(
                 while k < len(variants.time):
                     line_time = variants.time[k] + ends[1 - side].time
                     if line_time + problem.minimum_duration < best:
-                        other, varied = ends[1 - side].rates, variants.rates[k]
-                        leaving, arriving = (other, varied) if side else (varied, other)
+                        fixed, varied = ends[1 - side].rates, variants.rates[k]
+                        leaving, arriving = (fixed, varied) if side else (varied, fixed)
                         time = line_time + transfer.duration(leaving, arriving, best - line_time)
                         if time < best - ENDS.less:
                             best, ends[side], moved = time, variants.end(k), True
