@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
+from dualarm_cli.clearing.stage_samples import alone_clear, stage_samples
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import Job
-from dualarm_cli.motion.blending import passing_launches, with_launches
+from dualarm_cli.model.motion.trajectory import SAME_TIME
+from dualarm_cli.motion.blending import Launches, passing_launches, with_launches
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.detours_in_motion import moving_detours, with_moving_detours
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.passed_targets import passed_targets, with_passed_targets
 from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.serving import with_stopping_room
 from dualarm_cli.stages.stage_choice import REACH
@@ -96,11 +100,16 @@ def blended_plan(
     passing = with_passed_targets(drive, plan.cleared.plans, through)
     widths = problem.settings.widths if widths is None else widths
     launches = dict(passing_launches(drive, passing, stopping, widths))
-    colliding_stages: list[int] = []
-    while launches or through:
+
+    def timed(launches: Launches) -> _Blend:
         plans = with_launches(with_passed_targets(drive, plan.cleared.plans, through), launches)
+        motion = realise(model, job, plans, timing, cache)
+        colliding = clearing.colliding_stages(plans, motion) if clearing is not None else []
+        return _Blend(plans, motion, launches, tuple(colliding))
+
+    while launches or through:
         try:
-            motion = realise(model, job, plans, timing, cache)
+            blend = timed(launches)
         except InfeasibleError:
             if not through:
                 raise
@@ -108,22 +117,22 @@ def blended_plan(
             through = {}
             launches = dict(passing_launches(drive, plan.cleared.plans, stopping, widths))
             continue
-        colliding_stages = clearing.colliding_stages(plans, motion) if clearing is not None else []
-        # A stage contains the transfers to its lines and ends when those of the next stage begin.
-        removed = {key for key in launches if key[0] in colliding_stages}
-        removed = removed or {key for key in launches if key[0] - 1 in colliding_stages}
-        passed = {k for k in through if {k, k + 1} & set(colliding_stages)}
-        if not removed and not passed:
+        passed = {k for k in through if {k, k + 1} & set(blend.colliding)}
+        if not passed:
             break
-        for key in removed:
-            del launches[key]
-        for k in passed:
-            del through[k]
         # The neighbouring launches were chosen for a passed target.
         launches = {
-            key: launch for key, launch in launches.items() if not {key[0], key[0] - 1} & passed
+            key: launch
+            for key, launch in blend.without_colliding().items()
+            if not {key[0], key[0] - 1} & passed
         }
-    if colliding_stages or not (launches or through):
+        through = {k: target for k, target in through.items() if k not in passed}
+    else:
+        blend = _Blend(plan.cleared.plans, before, {}, ())
+    if clearing is not None:
+        blend = _cleared(blend, clearing, timed)
+    plans, motion = blend.plans, blend.motion
+    if blend.colliding or not (blend.launches or through):
         plans, motion = plan.cleared.plans, before
     plans, motion = _with_detours_in_motion(drive, job, clearing, plans, motion, stopping)
     gain = before.trajectory.duration - motion.trajectory.duration
@@ -136,6 +145,71 @@ def blended_plan(
     )
     motion = replace(motion, stages=stages, gain=gain)
     return replace(plan, cleared=TimedPlan(plans, motion), stopping=plan.cleared)
+
+
+@dataclass(frozen=True)
+class _Blend:
+    """Timed stages with the launches of their lines."""
+
+    plans: list[StagePlan]
+    """The stages."""
+    motion: Motion
+    """Their motion."""
+    launches: Launches
+    """Launches at the ends of lines."""
+    colliding: tuple[int, ...]
+    """Indices of colliding stages."""
+
+    def without_colliding(self) -> Launches:
+        """Leave out the launches before colliding stages, or, if those have none, after them."""
+        for later in (0, 1):
+            kept = {k: v for k, v in self.launches.items() if k[0] - later not in self.colliding}
+            if len(kept) < len(self.launches):
+                return kept
+        return self.launches
+
+    def with_fewer(self, clearing: Clearing, k: int) -> Iterator[Launches]:
+        """Yield launches of which one before stage k is left out, at its retract, its approach or both.
+
+        Launches of arms that collide alone come in question, else those of both, first of the arm that is done first.
+        """
+        samples, cell = stage_samples(self.motion, k, k, clearing.holding), clearing.holding.cell
+        alone = [name for a, name in enumerate(cell.arms) if not alone_clear(cell, samples, a)]
+        start, end = self.motion.stages[k].start, self.motion.stages[k].end
+
+        def done(arm: str) -> float:
+            parts = (part for part in self.motion.segments if part.arm == arm)
+            busy = (p.end for p in parts if p.kind != "wait" and start < p.end < end + SAME_TIME)
+            return max(busy, default=start)
+
+        for arm in sorted(alone or cell.arms, key=done):
+            retract, approach = self.launches.get((k, arm), (None, None))
+            for pair in dict.fromkeys(((None, approach), (retract, None), (None, None))):
+                if pair != (retract, approach):
+                    yield {**self.launches, (k, arm): pair}
+
+
+def _cleared(blend: _Blend, clearing: Clearing, timed: Callable[[Launches], _Blend]) -> _Blend:
+    """Leave out launches until no stage collides: one that suffices, else all before the stage.
+
+    Args:
+        blend: stages with all launches.
+        clearing: collision checks.
+        timed: times the stages with other launches.
+    """
+    while blend.colliding:
+        for launches in blend.with_fewer(clearing, blend.colliding[0]):
+            with suppress(InfeasibleError):
+                tried = timed(launches)
+                if set(tried.colliding) < set(blend.colliding):
+                    break
+        else:
+            launches = blend.without_colliding()
+            if launches is blend.launches:
+                break
+            tried = timed(launches)
+        blend = tried
+    return blend
 
 
 def refined_plan(problem: MethodProblem, plan: ClearedPlan, timing: TimingSolver) -> ClearedPlan:

@@ -8,10 +8,11 @@ import pytest
 
 from dualarm_cli.clearing import blended_plan
 from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.repairs import Clearing
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.blending import LINES
+from dualarm_cli.model.blending import LINES, STOPPING
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -81,3 +82,23 @@ def test_a_refinement_that_is_longer_is_left_out_and_its_stages_stay(problem):
     # Wider launches at the same postures are all that is left.
     for stage, same in zip(found.cleared.plans, plain.cleared.plans, strict=True):
         assert (stage.arrival == same.arrival).all()
+
+
+def test_only_the_launch_that_collides_is_left_out(problem, monkeypatch):
+    """Said to collide is the right arm's transfer into stage 1 with one line passed in motion: the other line stays."""
+    timing, stopping = TIMING_SOLVERS["ruckig"], replace(problem, blending=STOPPING, effort="quick")
+    plan = quickest_clear(stopping, lambda asked: Decided(_stages(asked, "minimum_time")), timing)
+    monkeypatch.setattr(Clearing, "colliding_stages", lambda *_: [])
+    of_all = blended_plan.blended_plan(problem, plan, timing).cleared
+    for stage, line in ((0, "retract"), (1, "approach")):
+        key = ("right", line)
+
+        def colliding(_, plans, motion, stage=stage, key=key):
+            return [1] if key in plans[stage].passes else []
+
+        monkeypatch.setattr(Clearing, "colliding_stages", colliding)
+        found = blended_plan.blended_plan(problem, plan, timing).cleared
+        passes = [set(plan.passes) for plan in of_all.plans]
+        passes[stage].remove(key)
+        assert [set(plan.passes) for plan in found.plans] == passes
+        assert of_all.duration <= found.duration < plan.cleared.duration
