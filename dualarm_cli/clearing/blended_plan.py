@@ -169,9 +169,9 @@ class _Blend:
         return self.launches
 
     def with_fewer(self, clearing: Clearing, k: int) -> Iterator[Launches]:
-        """Yield launches of which one before stage k is left out, at its retract, its approach or both.
+        """Yield launches with one arm at rest before stage k: at its retract, approach or both.
 
-        Launches of arms that collide alone come in question, else those of both, first of the arm that is done first.
+        If arms collide alone, one of them, else any, first the one that is done first.
         """
         samples, cell = stage_samples(self.motion, k, k, clearing.holding), clearing.holding.cell
         alone = [name for a, name in enumerate(cell.arms) if not alone_clear(cell, samples, a)]
@@ -182,15 +182,20 @@ class _Blend:
             busy = (p.end for p in parts if p.kind != "wait" and start < p.end < end + SAME_TIME)
             return max(busy, default=start)
 
+        # Limits of tool speed hold for the launches as they were chosen, and at rest.
+        is_capped = clearing.job.tool_speed is not None or clearing.job.slows
         for arm in sorted(alone or cell.arms, key=done):
             retract, approach = self.launches.get((k, arm), (None, None))
-            for pair in dict.fromkeys(((None, approach), (retract, None), (None, None))):
+            halves = () if is_capped else ((None, approach), (retract, None))
+            for pair in dict.fromkeys((*halves, (None, None))):
                 if pair != (retract, approach):
                     yield {**self.launches, (k, arm): pair}
 
 
 def _cleared(blend: _Blend, clearing: Clearing, timed: Callable[[Launches], _Blend]) -> _Blend:
-    """Leave out launches until no stage collides: one that suffices, else all before the stage.
+    """Leave out launches until no stage collides.
+
+    One that suffices is left out, else all before the stage.
 
     Args:
         blend: stages with all launches.
