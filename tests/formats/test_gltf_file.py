@@ -62,7 +62,7 @@ def test_the_animation_moves_the_links_as_the_joints_say(exported, content):
         q = np.zeros(model.nq)
         motion = exported.schedule.trajectory.select(job.cell.robot.joints)
         # In float32 the last time may be after the end.
-        time = np.minimum(times[k : k + 1], exported.schedule.duration)
+        time = np.minimum(times[k : k + 1].astype(float), exported.schedule.duration)
         for name, value in zip(motion.joints, motion.at(time)[0][0], strict=True):
             q[model.idx_qs[model.getJointId(name)]] = value
         pin.forwardKinematics(model, data, q)
