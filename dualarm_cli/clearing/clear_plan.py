@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from operator import attrgetter
 
 import numpy as np
@@ -41,6 +41,7 @@ from dualarm_cli.postures.stage_plan import same_postures
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.plans.clearance import NoGood
+from dualarm_cli.stages.sequence import solve_sequence
 from dualarm_cli.timing import TimingSolver
 
 
@@ -53,6 +54,9 @@ def quickest_clear(
     alone: str | None = None,
 ) -> ClearedPlan:
     """Plan a job without collisions, blended where the problem allows it.
+
+    Where care or a tool speed limit slows the motion, a search that knows them follows one that does not, and the
+    shorter plan is taken: what is estimated best need not be best when blended.
 
     For blending, the method keeps joints away from their position limits: tools need that room to pass the outer ends
     of lines in motion. If blending gains little, postures that are chosen for stops compete.
@@ -67,6 +71,31 @@ def quickest_clear(
     Raises:
         InfeasibleError: no posture reaches a target, or every plan collides.
     """
+    once = partial(_quickest_clear, check_collisions=check_collisions, alone=alone)
+    if not problem.job.is_slowed or solve is not solve_sequence:
+        return once(problem, solve, timing)
+    plans: list[ClearedPlan] = []
+    failure: InfeasibleError | None = None
+    for is_careful in (False, True):
+        try:
+            plans.append(once(replace(problem, is_careful=is_careful), solve, timing))
+        except InfeasibleError as error:
+            failure = failure or error
+    if not plans:
+        assert failure is not None  # nothing else leaves none
+        raise failure
+    return min(plans, key=attrgetter("cleared.duration"))
+
+
+def _quickest_clear(
+    problem: MethodProblem,
+    solve: Callable[[MethodProblem], Decided],
+    timing: TimingSolver,
+    *,
+    check_collisions: bool,
+    alone: str | None,
+) -> ClearedPlan:
+    """Plan a job with one method, see `quickest_clear`."""
     holding = None
     if check_collisions:
         # Colliding grips have no plan: refuse them before the search.

@@ -20,10 +20,10 @@ from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.motion.joint_motion import merge
 from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
+from dualarm_cli.model.motion_limits import MotionLimits
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.motion.builder import Motion
-from dualarm_cli.motion.care import MotionLimits
 from dualarm_cli.motion.payloads import carried_inertias, payload_spans
 from dualarm_cli.motion.torque_limits import SETTINGS, sampled_motion
 from dualarm_cli.motion.torque_transfer import State, TransferEnds, transfer_within_torques

@@ -376,6 +376,11 @@ class Job(ShownInNotebooks):
         return slowed if care.slows else self
 
     @property
+    def is_slowed(self) -> bool:
+        """Whether care or a tool speed limit slows the motion."""
+        return self.slows or self.tool_speed is not None
+
+    @property
     def start_posture(self) -> str:
         """Name of the start posture; home for a free start."""
         return "home" if self.start == "free" else self.start

@@ -16,10 +16,10 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.motion.rest_to_rest import rest_to_rest_duration
 from dualarm_cli.model.motion.trajectory import Trajectory
+from dualarm_cli.model.motion_limits import MotionLimits
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import TOOL_SPEED
 from dualarm_cli.motion.builder import Motion
-from dualarm_cli.motion.care import MotionLimits
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal

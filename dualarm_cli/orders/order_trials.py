@@ -114,7 +114,7 @@ def _started(search: PairedSearch, order: DecidedOrder, effort: TrialEffort) -> 
     assert order.plan is not None  # callers have looked
     clearance = search.order.clearance
     holding = None if clearance is None else Holding.of(order.job, cell=clearance)
-    problem = sequence_problem(search.order.model, order.job, holding)
+    problem = sequence_problem(search.order.model, order.job, holding, is_careful=True)
     plan = repaired(problem, with_yaws(problem, order.plan))
     return None if plan is None else _Trial(order, problem, plan, effort)
 

@@ -211,7 +211,8 @@ class _GraspSearch:
                 resolved = resolve(decided.with_grasps(choice), self.settings)
                 guess = resolved.guessed
                 job = with_needs(guess if decided.mode == "paired" else stage_by_stage(guess))
-                problems.append(sequence_problem(resolved.model, job, Holding.of(job)))
+                given = resolved.model, job, Holding.of(job)
+                problems.append(sequence_problem(*given, is_careful=True))
                 choices.append(choice)
                 jobs.append(job)
         if not jobs:

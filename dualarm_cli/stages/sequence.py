@@ -277,8 +277,8 @@ def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[li
         problem.colliding_stages,
         problem.effort,
         problem.seed,
-        # The search ignores tool speed limits: under one, keep the stages that do not collide.
-        local=problem.job.tool_speed is not None or problem.job.slows,
+        # A search that ignores tool speed limits keeps the stages that do not collide.
+        local=problem.job.is_slowed and not problem.is_careful,
     )
     if near is None:
         return []
@@ -289,7 +289,8 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     """Build the sequence problem, with line ends in motion if the search supports that."""
     job = problem.job
     lines = any(stop.approach or stop.retract for task in job.tasks for stop in task.stops)
-    numbers = sequence_problem(problem.model, job, problem.holding, problem.no_goods)
+    given = problem.model, job, problem.holding, problem.no_goods
+    numbers = sequence_problem(*given, is_careful=problem.is_careful)
     numbers = replace(numbers, settings=problem.settings.sequence, progress=problem.progress)
     if not (problem.blends and _is_timed_whole(job) and lines):
         return numbers
@@ -305,7 +306,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
 def _is_timed_whole(job: Job) -> bool:
     """Check whether the search times whole plans: without tool speed limits, care and conveyors."""
     belts = any(stop.belt is not None for task in job.tasks for stop in task.stops)
-    return job.tool_speed is None and not job.slows and not belts
+    return not job.is_slowed and not belts
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:

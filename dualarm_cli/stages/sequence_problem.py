@@ -10,11 +10,14 @@ import numpy as np
 from dualarm_cli.collision.lying import stop_yaws
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
-from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
+from dualarm_cli.model.motion_limits import MotionLimits
+from dualarm_cli.model.part_flow import NO_CARE, Care
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.plans.clearance import NoGood, SequenceClearance
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget
+from dualarm_cli.stages.plans.slowing import UNLIMITED, Pace
 
 
 def sequence_problem(
@@ -22,6 +25,8 @@ def sequence_problem(
     job: Job,
     holding: Holding | None = None,
     no_goods: tuple[NoGood, ...] = (),
+    *,
+    is_careful: bool = False,
 ) -> SequenceProblem:
     """Build the sequence problem of a job, under its limits at its speed.
 
@@ -30,6 +35,7 @@ def sequence_problem(
         job: job with its limits.
         holding: parts and margins for collision checking; None disables it.
         no_goods: stages that collided before.
+        is_careful: whether care and the tool speed limit count.
     """
     stages = job.stages()
     stops = {
@@ -43,6 +49,8 @@ def sequence_problem(
     }
     handing = tuple(any(stop.action == "give" for _, stop in work.values()) for work in stages)
     sequence = replace(_problem(model, job, stops), handing=handing)
+    if is_careful and job.is_slowed:
+        sequence = _careful(model, job, sequence)
     if holding is None:
         return sequence
     start = np.array(job.start_joints)
@@ -90,6 +98,44 @@ def _problem(
         free_start=job.start == "free",
         returns=job.returns,
     )
+
+
+def _careful(model: CellModel, job: Job, sequence: SequenceProblem) -> SequenceProblem:
+    """Add care and the tool speed limit to all stops and to the return."""
+    stages, arms = job.stages(), []
+    for arm in sequence.arms:
+        stops = (
+            None if stop is None else replace(stop, pace=_pace(model, job, arm.name, work))
+            for stop, work in zip(arm.stops, stages, strict=True)
+        )
+        home = _pace(model, job, arm.name, {})
+        arms.append(replace(arm, stops=tuple(stops), home_pace=home))
+    return replace(sequence, arms=tuple(arms))
+
+
+def _pace(model: CellModel, job: Job, name: str, work: Mapping[str, tuple[Task, Stop]]) -> Pace:
+    """Return an arm's limits in a stage, of no stops for a return."""
+    keys = frozenset((arm, task.id, stop.action) for arm, (task, stop) in work.items())
+    moving = MotionLimits.of_stage(job, keys)
+    joints = (*model.arms[name].arm.joints, *model.platform.joints * model.platform.is_chosen)
+    task, stop = work.get(name, (None, None))
+    lines = [NO_CARE] * 2
+    if task is not None and stop is not None:
+        lines = [task.care_before(stop.action), task.care_after(stop.action)]
+    cap = UNLIMITED if job.tool_speed is None else job.tool_speed
+    return Pace(
+        moving.joints.select(joints),
+        moving.caps.get(name, UNLIMITED),
+        (_line_time(job, joints, lines[0]), _line_time(job, joints, lines[1])),
+        (min(cap, lines[0].tool_speed), min(cap, lines[1].tool_speed)),
+    )
+
+
+def _line_time(job: Job, joints: tuple[str, ...], care: Care) -> float:
+    """Return the factor on a line's time, that of a small displacement of all joints."""
+    limits, moved = job.limits.select(joints), np.full(len(joints), 0.2)
+    slow = limits.scaled(care.speed, care.acceleration)
+    return float(slow.law.duration(moved) / limits.law.duration(moved))
 
 
 def _clearance(

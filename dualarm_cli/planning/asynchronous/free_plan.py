@@ -26,9 +26,9 @@ from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.lying import Visit, lying_parts, lying_throughout
 from dualarm_cli.model.motion.trajectory import SAME_TIME, Trajectory
+from dualarm_cli.model.motion_limits import MotionLimits
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.motion.builder import Motion, MotionBuilder
-from dualarm_cli.motion.care import MotionLimits
 from dualarm_cli.motion.transfers import (
     PLATFORM,
     Drive,

@@ -19,6 +19,7 @@ from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SequenceClearance
+from dualarm_cli.stages.plans.slowing import Pace, Slowing
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ class StopTarget:
     """Dwell at the target [s]."""
     directions: FloatArray = field(default_factory=lambda: LineDirections().vectors)
     """Directions outward, in the tool's frame, then the world's, (2, 2, 3)."""
+    pace: Pace | None = None
+    """Limits of transfer and lines under care or a tool speed limit; None for the arm's own."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -81,6 +84,8 @@ class ArmWork:
     """Joints before the first stage [rad], shape (joints,); not used where the start is free."""
     robot_limits: JointLimits | None = None
     """Limits of the robot, valid in motion, if `limits` keep a margin; else None."""
+    home_pace: Pace | None = None
+    """Limits of the return and of idle stages; None in a job without care and tool speed limit."""
 
     @property
     def joints(self) -> int:
@@ -105,6 +110,16 @@ class ArmWork:
     def stop_table(self) -> StopTable:
         """Stops of the arm as arrays."""
         return StopTable.of(self)
+
+    @cached_property
+    def slowing(self) -> Slowing | None:
+        """Care of the arm's transfers and lines; None in a job without."""
+        if (home := self.home_pace) is None:
+            return None
+        paces = [home if stop is None else stop.pace or home for stop in self.stops]
+        lines = np.column_stack([self.stop_table.approach, self.stop_table.retract])
+        tip = product(-self.R_tool_flange.T, self.p_tool_flange)
+        return Slowing.of([*paces, home], lines, self.kinematics, tip)
 
     @property
     def yaw_turns_last_joint(self) -> bool:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import ModuleType
+
+import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.plans import closed_form, general
 from dualarm_cli.stages.plans.candidates import CandidatePostures, Grid, Nodes
 from dualarm_cli.stages.plans.passing import passed
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.slowing import Slowing
 
 
 def _source(work: ArmWork) -> ModuleType:
@@ -34,6 +38,8 @@ def postures(
     """
     work = problem.arms[arm]
     at_rest = _source(work).postures(problem, arm, stage, angle, candidates)
+    if work.slowing is not None:
+        at_rest = _slowed(work.slowing, stage, at_rest)
     launches = problem.launches
     return at_rest if launches is None else passed(work, launches[arm][stage], at_rest)
 
@@ -54,7 +60,23 @@ def grid_nodes(
         grid: how finely they are set.
         near: what the arm does in a plan: an arm without closed forms gets nodes around that as well.
     """
-    return _source(problem.arms[arm]).grid_nodes(problem, arm, stage, grid, near)
+    work = problem.arms[arm]
+    nodes = _source(work).grid_nodes(problem, arm, stage, grid, near)
+    if work.slowing is None:
+        return nodes
+    ends = nodes.q_approach, nodes.q_retract
+    rest = np.stack([work.law.duration(q - nodes.q_target) for q in ends], axis=1)
+    rest *= problem.settings.line_factor
+    lines = work.slowing.lines(np.full(len(rest), stage), rest)
+    return replace(nodes, work=nodes.work + (lines - rest).sum(axis=1))
+
+
+def _slowed(slowing: Slowing, stage: IntArray, at_rest: CandidatePostures) -> CandidatePostures:
+    """Slow the lines of candidates to their care."""
+    rest = np.stack([at_rest.approach.max(axis=1), at_rest.retract.max(axis=1)], axis=1)
+    lines = slowing.lines(stage, rest)
+    shares = np.divide(lines, rest, out=np.ones(rest.shape), where=rest > 0.0)
+    return replace(at_rest, work=at_rest.work + (lines - rest).sum(axis=1), shares=shares)
 
 
 def anchored(work: ArmWork, candidates: ArmDecisions, joints: CandidatePostures) -> ArmDecisions:

@@ -8,9 +8,10 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.candidates import CandidatePostures
+from dualarm_cli.stages.plans.candidates import CandidatePostures, platform_positions
 from dualarm_cli.stages.plans.passing import transfer_times
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.slowing import Places, Slowing
 from dualarm_cli.stages.plans.source import anchored, lines_hold, postures
 from dualarm_cli.timing.stage_length import stage_length
 
@@ -116,7 +117,8 @@ def stage_times(
         k = chain.active
         previous = chain.previous[k]
         q_from = np.where(previous[:, None] >= 0, candidates.q_retract[previous], start)
-        transfer = work.law.duration(candidates.q_approach[k] - q_from)
+        start_of, goal = (q_from, before[k]), (candidates.q_approach[k], angle[k])
+        transfer = rest_times(problem, work, k, start_of, goal)
         if problem.launches is not None:
             leaving = q_from[:, None], left_with(candidates, previous)[:, None]
             arriving = candidates.q_approach[k, None], candidates.rates[k, None, 0]
@@ -124,8 +126,10 @@ def stage_times(
         arrived[a, k] = np.maximum(transfer, waiting[k])
         work_times[a, k] = candidates.work[k]
         if problem.returns:
-            back = float(work.law.duration(start - candidates.q_retract[k[-1]]))
-            closing = max(closing, back)
+            last = candidates.q_retract[k[-1:]], angle[-1:]
+            home = np.array([problem.stages])
+            back = rest_times(problem, work, home, last, (start[None], before[:1]))
+            closing = max(closing, float(back[0]))
     return stage_length(arrived, work_times, is_handover=problem.hands_over), closing
 
 
@@ -156,6 +160,64 @@ def left_with(postures: CandidatePostures, previous: IntArray) -> FloatArray:
         previous: those stages, -1 for the start, shape (m,).
     """
     return np.where(previous[:, None, None] >= 0, postures.rates[previous, 1], 0.0)
+
+
+def rest_times(
+    problem: SequenceProblem,
+    work: ArmWork,
+    stage: IntArray,
+    start: tuple[FloatArray, FloatArray],
+    goal: tuple[FloatArray, FloatArray],
+) -> FloatArray:
+    """Time an arm's transfers from rest to rest [s], shape (r, ...).
+
+    Args:
+        problem: the sequence.
+        work: the arm.
+        stage: stage of each row, shape (r,); the number of stages for the return.
+        start: joints (r, ..., joints) and platform angles (r, ...) [rad] at the starts.
+        goal: the same at the goals, broadcast against the starts.
+    """
+    if work.slowing is None:
+        return work.law.duration(goal[0] - start[0])
+    places = _places(problem, work.slowing, start, goal)
+    return work.slowing.transfer_times(stage, places)[0]
+
+
+def tool_slopes(
+    problem: SequenceProblem,
+    work: ArmWork,
+    stage: IntArray,
+    start: tuple[FloatArray, FloatArray],
+    goal: tuple[FloatArray, FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Time transfers whose tool is at its speed limit, see `rest_times`, with slopes by joints.
+
+    Returns:
+        Times [s], shape (r,), 0 where no tool slows, and slopes by the displacements of the arm's joints and of the
+        platform [s/rad], shape (r, joints + 1).
+    """
+    assert work.slowing is not None  # only then
+    places = _places(problem, work.slowing, start, goal)
+    time, factor = work.slowing.transfer_times(stage, places)
+    slope = np.zeros((len(stage), work.joints + 1))
+    of_joints = work.slowing.slopes(stage, places)
+    slope[:, : of_joints.shape[1]] = of_joints
+    return np.where(factor < 1.0, time, 0.0), slope
+
+
+def _places(
+    problem: SequenceProblem,
+    slowing: Slowing,
+    start: tuple[FloatArray, FloatArray],
+    goal: tuple[FloatArray, FloatArray],
+) -> list[Places]:
+    """Compute the tool's places at the start, in the middle and at the goal of transfers."""
+    middle = tuple(0.5 * (here + there) for here, there in zip(start, goal, strict=True))
+    return [
+        slowing.places(problem.platform, q, platform_positions(problem, np.asarray(angle)))
+        for q, angle in (start, middle, goal)
+    ]
 
 
 def platform_times(problem: SequenceProblem, moved: FloatArray) -> FloatArray:

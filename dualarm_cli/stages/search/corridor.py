@@ -20,6 +20,7 @@ from dualarm_cli.stages.plans.times import (
     in_seconds,
     left_with,
     platform_times,
+    rest_times,
     start_joints,
 )
 from dualarm_cli.stages.search.plan_clearance import PlanClearance, plan_clearance
@@ -226,7 +227,9 @@ def stage_costs(
             arriving = arm.q_approach[k], arm.rates[k, :, 0]
             transfer = transfer_times(work, (q_from, rates), arriving)
         else:
-            transfer = work.law.duration(arm.q_approach[k][:, None] - q_from[:, :, None])
+            begin = q_from[:, :, None], before[k][:, :, None]
+            goal = arm.q_approach[k][:, None], angle[k][:, None]
+            transfer = rest_times(problem, work, k, begin, goal)
         if problem.free_start and k[0] == 0:
             transfer[0] = 0.0
         arrived[a, k] = np.maximum(transfer, waiting[k])
@@ -256,7 +259,9 @@ def closing_costs(
         start = start_joints(problem, work, chain, best_postures)[None]
         if problem.free_start and chain.active[0] == 0:
             start = arm.q_approach[0]
-        return_times = work.law.duration(start[None, :, :] - arm.q_retract[-1][:, None, :])
+        begin = arm.q_retract[None, -1, :, None], angle[None, -1, :, None]
+        goal = start[None, None, :], home[None, None, :]
+        return_times = rest_times(problem, work, np.array([n]), begin, goal)[0]
         np.maximum(closing, return_times, out=closing)
     return closing
 

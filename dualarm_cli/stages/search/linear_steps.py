@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.background import map_halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.programs import least_cost
 from dualarm_cli.model.motion.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
@@ -19,6 +20,7 @@ from dualarm_cli.stages.plans.times import (
     left_with,
     start_angle,
     start_joints,
+    tool_slopes,
 )
 from dualarm_cli.stages.search.variables import Slopes, Variables, slopes
 
@@ -99,6 +101,13 @@ def timed_slopes(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatA
     return time, np.sign(moved) * (ahead - time) / step
 
 
+def _through(by_joint: FloatArray, rates: FloatArray) -> FloatArray:
+    """Chain slopes by joints and platform (m, n + 1) with joints' slopes (m, n, v), (m, 1, v)."""
+    by_variable = product(by_joint[:, None, :-1], rates)
+    by_variable[:, 0, 0] += by_joint[:, -1]
+    return np.asarray(by_variable)
+
+
 @dataclass(frozen=True)
 class _LinearisedPlan:
     """Linearisation of a feasible plan: slopes of its joints and times, and constraint rows."""
@@ -141,6 +150,16 @@ class _LinearisedPlan:
         time, slope = self._transfer_slopes(a, chain)
         here = slope[:, :, None] * rates.q_approach[k]
         there = np.where(came[:, None, None] >= 0, -slope[:, :, None] * rates.q_retract[came], 0.0)
+        if self.problem.arms[a].slowing is not None:
+            # A tool's speed limit is one more joint.
+            tool, by_joint = self._tool_slopes(a, chain)
+            time = np.column_stack([time, tool])
+            ends = ((here, k, 1.0, rates.q_approach), (there, came, -1.0, rates.q_retract))
+            here, there = (
+                np.concatenate([rows, sign * _through(by_joint, slopes[at])], axis=1)
+                for rows, at, sign, slopes in ends
+            )
+            there[came < 0] = 0.0
         # A free start moves with the first stop: its transfer takes no time, and only its work counts.
         if problem.free_start and len(k) and k[0] == 0:
             here[0] = 0.0
@@ -180,11 +199,27 @@ class _LinearisedPlan:
         q_from = np.where(
             before[:, None] >= 0, best.q_retract[before], start_joints(problem, work, chain, best)
         )
-        timed = timed_slopes(work.law, best.q_approach[k] - q_from)
+        law = work.law if work.slowing is None else work.slowing.joint_law(k, work.joints)
+        timed = timed_slopes(law, best.q_approach[k] - q_from)
         if problem.launches is None:
             return timed
         leaving = q_from, left_with(best, before)
         return passing.timed_slopes(work, leaving, (best.q_approach[k], best.rates[k, 0]), timed)
+
+    def _tool_slopes(self, a: int, chain: TransferChain) -> tuple[FloatArray, FloatArray]:
+        """Time an arm's transfers whose tool is at its speed limit, with slopes by joints.
+
+        Times [s] have shape (m,), 0 where no tool slows, slopes [s/rad] of the arm's joints and of the platform
+        (m, joints + 1).
+        """
+        problem, work, best = self.problem, self.problem.arms[a], self.best.arms[a]
+        k, before, angle = chain.active, chain.previous[chain.active], self.best.decisions.angle
+        q_from = np.where(
+            before[:, None] >= 0, best.q_retract[before], start_joints(problem, work, chain, best)
+        )
+        turned = np.concatenate([[start_angle(problem, angle)], angle[:-1]])[k]
+        ends = (q_from, turned), (best.q_approach[k], angle[k])
+        return tool_slopes(problem, work, k, *ends)
 
     def _platform_move(
         self, law: RestToRest, k: IntArray
