@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any
+
+import numpy as np
 
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.torque_shapes import reshaped_within_torques
 from dualarm_cli.errors import Diagnostic
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arccos
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job, PoseTarget, Task
 from dualarm_cli.model.lying import lying_throughout
 from dualarm_cli.model.motion.trajectory import Trajectory
+from dualarm_cli.model.place import Place
 from dualarm_cli.model.schedule import DURATION
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion, MotionBuilder
@@ -33,6 +38,48 @@ Section = tuple[Task, ...]
 """Tasks planned together: a path, a seam, or all tasks between two of these."""
 ToolPoses = Mapping[str, PoseTarget]
 """Poses of tools at rest, by arm; unknown poses are missing."""
+LEAN_SPARE = 0.0087
+"""Angle below the limit of tilt that motion within tolerances needs [rad]."""
+
+
+def tilt_faults(
+    job: Job, section: Section, along: Callable[[Job, Section, float], ToolPoses], place: Place
+) -> Iterator[Diagnostic]:
+    """Find tools that lean more than their task allows on a path or seam.
+
+    Args:
+        job: as read from its file.
+        section: tasks of the path or seam.
+        along: poses of tools at a fraction of it.
+        place: its place in the file.
+    """
+    limits = {task.arm: task.care.tilt for task in section if task.care.tilt < np.inf}
+    if not limits:
+        return
+    shares = np.linspace(0.0, 1.0, 257)  # a tool of a path turns smoothly between its points
+    poses = [along(job, section, share) for share in shares.tolist()]
+    for arm, limit in limits.items():
+        targets = [target for each in poses if (target := each.get(arm)) is not None]
+        R = np.array([target.pose.rotation for target in targets])
+        up = R[:, 2] if len(R) else R
+        spins = bool(targets) and targets[0].free_yaw and norm(up[:, :2], axis=1).max() > 1e-6
+        about: dict[str, Any] = {"task": section[0].id}
+        if spins or not targets:
+            message = (
+                f"tilt: the attitude of the {arm} tool is left open here, so that nothing says how far it leans; fix "
+                "its turns and the pose of the part, or remove tilt"
+            )
+        else:
+            angle = float(arccos(np.clip(product(up, up[0]), -1.0, 1.0)).max())
+            most = limit - LEAN_SPARE
+            if angle <= most:
+                continue
+            about |= {"value": angle, "allowed": most}
+            message = (
+                f"tilt: the {arm} tool leans {np.degrees(angle):.1f} deg from its attitude at the start, and "
+                f"{np.degrees(most):.1f} deg are allowed; turn the poses, or raise tilt"
+            )
+        yield Diagnostic(*place.order, "E300", message, about=about)
 
 
 @dataclass

@@ -370,10 +370,18 @@ class Job(ShownInNotebooks):
         return any(task.care.slows or task.holding.slows for task in self.tasks)
 
     def under(self, care: Care) -> Job:
-        """Lower speed and tool speed to the limits of a path or seam."""
-        speed, cap = self.speed * care.speed, min(care.tool_speed, self.tool_speed or math.inf)
-        slowed = replace(self, speed=speed, tool_speed=cap if cap < math.inf else None)
-        return slowed if care.slows else self
+        """Lower the rates of all joints and the tool speed to care, for a path or seam."""
+        if not care.slows:
+            return self
+        cap = min(care.tool_speed, math.inf if self.tool_speed is None else self.tool_speed)
+        robot = self.cell.robot
+        robot = replace(robot, limits=robot.limits.scaled(1.0, care.acceleration))
+        return replace(
+            self,
+            cell=replace(self.cell, robot=robot),
+            speed=self.speed * care.speed,
+            tool_speed=cap if cap < math.inf else None,
+        )
 
     @property
     def is_slowed(self) -> bool:

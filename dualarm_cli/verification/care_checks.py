@@ -36,7 +36,7 @@ class CareSpan:
     task: str
     """Id of the task."""
     holds: bool
-    """Whether the arm holds the task's part throughout."""
+    """Whether the arm holds the task's part throughout, or follows a path or seam."""
 
 
 def check_care(schedule: Schedule, job: Job, model: ToolModel) -> list[Check]:
@@ -58,7 +58,7 @@ def check_care(schedule: Schedule, job: Job, model: ToolModel) -> list[Check]:
             value, what = _largest_share(schedule, span, model)
             rates.add(value, f"{what} from {span.start:.3f} s to {span.end:.3f} s ({span.task})")
     off = 0.0
-    leans = list(_leaning(schedule, spans, model))
+    leans = [] if where else list(_leaning(schedule, job, spans, model))
     # The error of measurement is an angle, and so a larger share of a smaller limit.
     if leans:
         span, angle, at = max(
@@ -85,8 +85,9 @@ def _spans(schedule: Schedule, job: Job) -> Iterator[CareSpan]:
             if (s.arm, s.task) == (task.arm, task.id) and s.kind != "wait"
         ]
         times = [t for s in moves for t in (s.start, s.end)] + [e.time for e in events]
+        follows = task.path is not None or task.seam is not None
         if times and task.care.slows:
-            yield CareSpan(task.arm, min(times), max(times), task.care, task.id, holds=False)
+            yield CareSpan(task.arm, min(times), max(times), task.care, task.id, holds=follows)
         held = [e for e in events if e.action in ("pick", "take", "place", "give")]
         care = task.care.stricter(task.holding)
         if len(held) == 2 and care != NO_CARE:
@@ -126,16 +127,26 @@ def _cut(trajectory: Trajectory, start: float, end: float) -> Trajectory:
 
 
 def _leaning(
-    schedule: Schedule, spans: list[CareSpan], model: ToolModel
+    schedule: Schedule, job: Job, spans: list[CareSpan], model: ToolModel
 ) -> Iterator[tuple[CareSpan, float, float]]:
     """Measure how far parts lean from their attitude at the pick: span, angle [rad], instant [s].
 
     The axis that is vertical at the pick is fixed in the tool; at a hand-over it changes the tool.
     """
+    for task in job.tasks:
+        for segment in schedule.segments:
+            is_followed = (segment.arm, segment.task) == (task.arm, task.id)
+            if is_followed and segment.kind in ("path", "seam") and task.care.tilt < np.inf:
+                span = CareSpan(
+                    task.arm, segment.start, segment.end, task.care, task.id, holds=True
+                )
+                start = schedule.trajectory.clamped(np.array([span.start]))[0]
+                up = model.poses(span.arm, start)[0][0][2]
+                yield _most(schedule, span, up, model)
     firsts = {(e.arm, e.task): e for e in schedule.events if e.action in ("pick", "take")}
     axes: dict[str, FloatArray] = {}
     for span in sorted(spans, key=lambda span: span.start):
-        if not span.holds or span.care.tilt == np.inf:
+        if not span.holds or span.care.tilt == np.inf or (span.arm, span.task) not in firsts:
             continue
         first = firsts[span.arm, span.task]
         up = np.array([0.0, 0.0, 1.0])
@@ -144,12 +155,22 @@ def _leaning(
             up = product(_turn(schedule, model, giver, first), axes[span.task])
         axis = product(_turn(schedule, model, span.arm, first).T, up)
         axes[span.task] = axis
-        for times in instants(schedule, span.start, span.end):
-            R, _ = model.poses(span.arm, schedule.trajectory.clamped(times)[0])
-            x, y, z = product(R, axis).T
-            angle = arctan2(norm(np.stack([x, y]), axis=0), z)
-            k = int(np.argmax(angle))
-            yield span, float(angle[k]), float(times[k])
+        yield _most(schedule, span, axis, model)
+
+
+def _most(
+    schedule: Schedule, span: CareSpan, axis: FloatArray, model: ToolModel
+) -> tuple[CareSpan, float, float]:
+    """Measure how far an axis of the tool leans at most in a span."""
+    worst = span, 0.0, span.start
+    for times in instants(schedule, span.start, span.end):
+        R, _ = model.poses(span.arm, schedule.trajectory.clamped(times)[0])
+        x, y, z = product(R, axis).T
+        angle = arctan2(norm(np.stack([x, y]), axis=0), z)
+        k = int(np.argmax(angle))
+        if angle[k] > worst[1]:
+            worst = span, float(angle[k]), float(times[k])
+    return worst
 
 
 def _turn(schedule: Schedule, model: ToolModel, arm: str, event: Event) -> FloatArray:

@@ -167,13 +167,43 @@ def test_a_bare_move_holds_nothing_that_could_tilt(change: Change, messages: Mes
     assert message.startswith("tasks.yaml:15:") and "a bare move holds no part" in message
 
 
-@pytest.mark.parametrize("key", ["acceleration", "tilt"])
-def test_seams_have_accelerations_of_their_own(
-    tasks_folder: Path, tmp_path: Path, messages: Messages, key: str
+ON_BELT = (
+    "pick: {xyz: [0, 0, 1], rpy: [180 deg, 0, 0], conveyor: belt, passes: 2.5 s, within: 600 mm}"
+)
+
+
+@pytest.mark.parametrize("of_part", [True, False])
+def test_a_tool_that_follows_a_conveyor_is_no_slower_than_it(
+    careful: Callable[[str, str], None], change: Change, messages: Messages, of_part: bool
 ) -> None:
-    """The remedy is to remove the key."""
+    """120 mm/s over a belt at 150 mm/s are refused, 160 mm/s and shares of the joints' rates are read."""
+    limits = "tool_speed: 120 mm/s", "speed: 50 %"
+    careful(f"{{{limits[0]}}}" if of_part else "", limits[1] if of_part else limits[0])
+    change("cell.yaml", "clearance:", "conveyors: {belt: {velocity: [0, -150 mm/s, 0]}}\nclearance:")  # fmt: skip
+    change("tasks.yaml", PICK, ON_BELT)
+    [message] = messages(lambda: load_job("tasks.yaml"))
+    of = "while_holding of part 'cup'" if of_part else "tool_speed"
+    assert message.startswith("tasks.yaml:10:11" if of_part else "tasks.yaml:11:17"), message
+    assert (
+        f"{of}: 120 mm/s, but the tool follows conveyor 'belt', which moves at 150 mm/s" in message
+    )
+    assert "raise it above that, or slow the conveyor" in message
+    for name in ("cell.yaml", "tasks.yaml"):
+        change(name, "120 mm/s", "160 mm/s") if "120 mm/s" in Path(name).read_text() else None
+    task = load_job("tasks.yaml").tasks[0]
+    assert task.care.stricter(task.holding).tool_speed == 0.16
+
+
+def test_paths_and_seams_have_all_four_limits(tasks_folder: Path, tmp_path: Path) -> None:
+    """Their accelerations scale those of the robot."""
+    keys = "speed: 0.5\n    acceleration: 0.25\n    tool_speed: 0.3 m/s\n    tilt: 0.2\n    id: "
     for file in (tasks_folder / "10_seam").glob("*.yaml"):
-        text = file.read_text().replace("- id: ", f"- {key}: 0.5\n    id: ", 1)
+        text = file.read_text().replace("- id: ", f"- {keys}", 1)
         (tmp_path / file.name).write_text(text if file.name == "tasks.yaml" else file.read_text())
-    found = messages(lambda: load_job(tmp_path / "tasks.yaml"))
-    assert f"{key}: paths and seams keep speed and tool_speed only; remove it" in found[0]
+    job = load_job(tmp_path / "tasks.yaml")
+    care = job.tasks[0].care
+    assert care == Care(0.5, 0.25, 0.3, 0.2)
+    slow = job.under(care).limits
+    np.testing.assert_allclose(slow.velocity, 0.5 * job.limits.velocity)
+    np.testing.assert_allclose(slow.acceleration, 0.25 * 0.25 * job.limits.acceleration)
+    np.testing.assert_allclose(slow.jerk, 0.125 * job.limits.jerk)

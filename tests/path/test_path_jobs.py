@@ -14,6 +14,7 @@ from dualarm_cli.errors import InfeasibleError, InputError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.path.following import PATH_SOLVERS
 from dualarm_cli.kinds.path.measures import path_measures
+from dualarm_cli.kinds.path.planning import check_paths
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.motion.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Schedule
@@ -144,6 +145,35 @@ def test_half_speed_takes_twice_as_long_and_a_cap_binds(tmp_path: Path) -> None:
             if check.name == "care"
         ]
         assert care.verdict == "passed" and care.measured > 0.99
+
+
+def test_tools_on_paths_lean_no_farther_than_allowed(tmp_path: Path) -> None:
+    """From 180 to 170 degrees: 10 are measured, 7.5 of 8 refused; a tenth of the accelerations is used up."""
+    leaning = WIPE.replace("[0.58, 0.20, 0.85]}", "[0.58, 0.20, 0.85], rpy: [170 deg, 0, 0]}")
+    leaning = leaning.replace("speed:", "slower: allowed\n      speed:").replace("150", "400")
+
+    def careful(tilt: int) -> Job:
+        keys = f"    acceleration: 10 %\n    tilt: {tilt} deg\n    path:"
+        return job_of(tmp_path, leaning.replace("    path:", keys), head="start: free\n")
+
+    schedule = planned(careful(12))
+    checks = {check.name: check for check in verify(schedule, careful(12)).checks}
+    assert checks["tilt"].measured == pytest.approx(10.0 / 12.0, abs=1e-5)
+    time = np.arange(0.0, schedule.duration, 5e-4)
+    joints = schedule.robot.arms["left"].joints
+    q = schedule.trajectory.select(joints).clamped(time)[0]
+    used = np.abs(np.diff(q, 2, axis=0)).max(axis=0) / 5e-4**2
+    limits = careful(12).limits.select(joints)
+    assert checks["care"].verdict == "passed"
+    assert 0.09 < (used / limits.acceleration).max() < 0.1001
+    strict = careful(8)
+    [check] = [check for check in verify(schedule, strict).checks if check.name == "tilt"]
+    assert check.verdict == "failed" and check.measured == pytest.approx(10.0 / 8.0, abs=1e-5)
+    [fault] = check_paths(strict)
+    assert str(fault).endswith(
+        "E300 tilt: the left tool leans 10.0 deg from its attitude at the start, and 7.5 deg are allowed; turn the "
+        "poses, or raise tilt"
+    )
 
 
 def test_a_path_too_fast_is_refused_with_time_place_and_joint_or_slowed(tmp_path: Path) -> None:

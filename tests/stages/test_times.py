@@ -1,14 +1,17 @@
 """Closed-form times of a decided sequence against the exact motion that is made of it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.part_flow import Care
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.plans.slowing import Places, fastest
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of, stage_plans
 from dualarm_cli.stages.sequence_problem import sequence_problem
@@ -69,3 +72,54 @@ def test_line_times_are_near_those_of_the_exact_lines(random_job: Callable[..., 
     made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])
     assert found.total == pytest.approx(made.trajectory.duration, rel=0.05)
     assert np.isfinite(found.stages).all()
+
+
+CAREFUL = {
+    "speed": (Care(speed=0.5), 1e-9),
+    "acceleration": (Care(acceleration=0.4), 1e-9),
+    "tool speed": (Care(tool_speed=0.25), 0.2),
+    "all": (Care(0.8, 0.5, 0.25), 0.2),
+}
+
+
+@pytest.mark.parametrize("name", CAREFUL)
+@pytest.mark.parametrize("seed", range(2))
+def test_careful_times_are_those_of_the_exact_motion(
+    random_job: Callable[..., Job], name: str, seed: int
+) -> None:
+    """Of one arm on the platform: exact for shares of rates; a tool's path is not that of one straight progress."""
+    care, tolerance = CAREFUL[name]
+    job = random_job(seed, stages=(4, 0))
+    job = replace(job, tasks=tuple(replace(task, care=care) for task in job.tasks))
+    model = CellModel.from_cell(job.cell)
+    problem = sequence_problem(model, job, is_careful=True)
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact")
+    found = evaluate(problem, decisions_of(problem, model, plans))
+    made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])
+    lengths = [stage.end - stage.start for stage in made.stages]
+    assert lengths == pytest.approx([*found.stages], rel=tolerance)
+    assert found.total > 1.1 * evaluate(sequence_problem(model, job), found.decisions).total
+
+
+def test_the_slope_of_a_slow_tool_is_that_of_its_time(random_job: Callable[..., Job]) -> None:
+    """By central differences of the tool's speed over the limit, of a short transfer."""
+    job = random_job(0, stages=(2, 0))
+    job = replace(job, tasks=tuple(replace(t, care=Care(tool_speed=0.5)) for t in job.tasks))
+    model = CellModel.from_cell(job.cell)
+    problem = sequence_problem(model, job, is_careful=True)
+    work, stage, step = problem.arms[0], np.array([1]), 1e-6
+    random = np.random.default_rng(0)
+    start = random.uniform(-0.6, 0.6, (1, work.joints + 1))
+    goal = start + 0.01 * random.normal(size=start.shape)
+
+    def places(goal: np.ndarray) -> list[Places]:
+        assert work.slowing is not None
+        rows = start, 0.5 * (start + goal), goal
+        return [work.slowing.places(problem.platform, q[:, :-1], q[:, -1:]) for q in rows]
+
+    assert work.slowing is not None
+    slope = work.slowing.slopes(stage, places(goal))
+    for joint in range(work.joints + 1):
+        moved = 0.5 * step * (np.arange(work.joints + 1) == joint)
+        ahead, behind = (fastest(places(goal + sign * moved))[0] for sign in (1.0, -1.0))
+        assert slope[0, joint] == pytest.approx((ahead - behind) / step / 0.5, abs=0.05)

@@ -247,7 +247,7 @@ class CareSection(Section):
     tilt: Tilt | None = Field(
         default=None,
         description="Largest angle between the vertical and the axis of the held part that was vertical at the pick "
-        "[rad]; turns about the vertical are free.",
+        "[rad], on a path or seam that of the tool at its start; turns about the vertical are free.",
     )
 
 

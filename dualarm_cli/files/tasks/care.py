@@ -92,27 +92,27 @@ def _faults(
     """Find limits that a task cannot have: key, message and code."""
     picked = section.pick is not None and section.place is not None
     if not picked and section.move is None:
-        for key in given:
-            if key not in ("speed", "tool_speed"):
-                message = "paths and seams keep speed and tool_speed only; remove it"
-                yield key, message, NOT_AVAILABLE
         return
     slowing = [key for key in KEYS if key in given or getattr(holding, key) < getattr(NO_CARE, key)]
-    belts = any(stop.moves for task in shares for stop in task.stops)
-    for key in slowing:
-        if key == "tool_speed" and cell.tool_changes:
-            message = (
-                "it is measured at the permanent tool, and this cell has tool_changes; remove it"
+    care = read_care(section).stricter(holding)
+    if "tool_speed" in slowing and cell.tool_changes:
+        message = "it is measured at the permanent tool, and this cell has tool_changes; remove it"
+        yield "tool_speed", message, NOT_AVAILABLE
+    belts = [stop.belt.conveyor for task in shares for stop in task.stops if stop.belt is not None]
+    for belt in belts:
+        if belt.speed >= care.tool_speed:
+            yield (
+                "tool_speed",
+                f"{care.tool_speed * 1e3:.4g} mm/s, but the tool follows conveyor {quote(belt.name)}, which moves at "
+                f"{belt.speed * 1e3:.4g} mm/s; raise it above that, or slow the conveyor",
+                "E300",
             )
-            yield key, message, NOT_AVAILABLE
-        elif key != "tilt" and belts:
-            yield key, "arms on conveyors do not keep it in this version; remove it", NOT_AVAILABLE
+            break
     if "tilt" not in slowing:
         return
     if not picked:
         yield "tilt", "a bare move holds no part that could tilt; remove it", "E300"
         return
-    care = read_care(section).stricter(holding)
     choices = [choice for task in shares for choice in (task, *task.grasps)]
     faults = (message for choice in choices for message in _tilted(choice, care.tilt))
     yield from (("tilt", message, "E300") for message in islice(faults, 1))

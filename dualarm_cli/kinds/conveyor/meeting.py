@@ -16,6 +16,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion_limits import MotionLimits
 from dualarm_cli.model.part_flow import OnBelt
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
@@ -376,15 +377,17 @@ class ConveyorMeeting:
         shift = velocity * (time - belt.at)
         stop_problem = arm_stop.problem
         problem = replace(stop_problem, p_base_tool=stop_problem.p_base_tool + shift)
-        limits, models = job.limits, self.dynamics
+        task, action, models = arm_stop.task, arm_stop.stop.action, self.dynamics
+        care = task.care_before(action).stricter(task.care_after(action))
+        limits = MotionLimits.of(job, {arm_stop.arm: care} if care.slows else {})
         tracking = Tracking(
             problem,
             arm_stop.posture,
             velocity,
             arm_stop.stop.dwell.total,
-            limits.select(model.arms[arm_stop.arm].arm.joints),
-            job.tool_speed,
-            1.0 / job.speed,
+            limits.joints.select(model.arms[arm_stop.arm].arm.joints),
+            limits.caps.get(arm_stop.arm),
+            1.0 / (job.speed * care.speed),
             None
             if models is None
             else TrackingTorques.of(job.cell, arm_stop, plan.arrival, models),

@@ -30,6 +30,7 @@ from dualarm_cli.kinds.planning import (
     SectionTools,
     ToolPoses,
     add_transfer,
+    tilt_faults,
 )
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.whole_body import Reached
@@ -121,6 +122,9 @@ def check_paths(job: Job) -> list[Diagnostic]:
             )
             about = {"task": task.id, "value": least, "allowed": TRIALS.longest}
             findings.append(Diagnostic(*place.order, "E300", message, about=about))
+    for section in job.sections():
+        if (work := section[0].path) is not None:
+            findings += tilt_faults(job, section, path_poses, work.place)
     return list(dict.fromkeys(findings))
 
 
