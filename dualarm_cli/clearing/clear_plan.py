@@ -55,8 +55,8 @@ def quickest_clear(
 ) -> ClearedPlan:
     """Plan a job without collisions, blended where the problem allows it.
 
-    Where care or a tool speed limit slows the motion, a search that knows them follows one that does not, and the
-    shorter plan is taken: what is estimated best need not be best when blended.
+    Where care or a tool speed limit slows the motion, two searches compete, without and with these limits: what is
+    estimated best need not be best when blended.
 
     For blending, the method keeps joints away from their position limits: tools need that room to pass the outer ends
     of lines in motion. If blending gains little, postures that are chosen for stops compete.

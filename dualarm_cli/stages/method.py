@@ -56,7 +56,7 @@ class MethodProblem:
     limits_torques: bool = False
     """Flag of plans that have to stay within the joints' torques."""
     is_careful: bool = False
-    """Whether the search over the whole sequence knows care and the tool speed limit."""
+    """Whether the search over the whole sequence includes care and the tool speed limit."""
     repair_touching_stops: bool = True
     """Whether stages with colliding stops are repaired and re-planned; otherwise the order is changed."""
     progress: Callable[[str], None] = field(default=lambda _: None, compare=False, repr=False)

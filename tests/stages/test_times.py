@@ -77,8 +77,8 @@ def test_line_times_are_near_those_of_the_exact_lines(random_job: Callable[..., 
 CAREFUL = {
     "speed": (Care(speed=0.5), 1e-9),
     "acceleration": (Care(acceleration=0.4), 1e-9),
-    "tool speed": (Care(tool_speed=0.25), 0.2),
-    "all": (Care(0.8, 0.5, 0.25), 0.2),
+    "tool speed": (Care(tool_speed=0.25), 0.3),
+    "all": (Care(0.8, 0.5, 0.25), 0.3),
 }
 
 
@@ -87,13 +87,13 @@ CAREFUL = {
 def test_careful_times_are_those_of_the_exact_motion(
     random_job: Callable[..., Job], name: str, seed: int
 ) -> None:
-    """Of one arm on the platform: exact for shares of rates; a tool's path is not that of one straight progress."""
+    """Of one arm on a platform that stands: exact for shares of rates, estimated for a tool's path."""
     care, tolerance = CAREFUL[name]
     job = random_job(seed, stages=(4, 0))
     job = replace(job, tasks=tuple(replace(task, care=care) for task in job.tasks))
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job, is_careful=True)
-    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact")
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
     found = evaluate(problem, decisions_of(problem, model, plans))
     made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])
     lengths = [stage.end - stage.start for stage in made.stages]

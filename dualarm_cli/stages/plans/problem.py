@@ -48,7 +48,7 @@ class StopTarget:
     directions: FloatArray = field(default_factory=lambda: LineDirections().vectors)
     """Directions outward, in the tool's frame, then the world's, (2, 2, 3)."""
     pace: Pace | None = None
-    """Limits of transfer and lines under care or a tool speed limit; None for the arm's own."""
+    """Limits of transfer and lines under care; None for the arm's own."""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -85,7 +85,7 @@ class ArmWork:
     robot_limits: JointLimits | None = None
     """Limits of the robot, valid in motion, if `limits` keep a margin; else None."""
     home_pace: Pace | None = None
-    """Limits of the return and of idle stages; None in a job without care and tool speed limit."""
+    """Limits of the return and of idle stages; None without care and tool speed limit."""
 
     @property
     def joints(self) -> int:

@@ -22,7 +22,10 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 
 CUBIC = ((1.5, -0.25, -0.25), (1.125, 0.1875, -0.3125), (1.125, -0.3125, 0.1875))
-"""Weights of chord and end velocities in the velocity of a cubic at 1/2, 1/4 and 3/4 of its progress."""
+"""Weights of chord and end velocities in a cubic's velocity.
+
+At 1/2, 1/4 and 3/4 of its progress.
+"""
 LEAST_FACTOR = 1e-3
 """Least factor on velocity limits."""
 UNLIMITED = 1e9
@@ -57,7 +60,10 @@ class Places:
 
 @dataclass(frozen=True)
 class Slowing:
-    """Care of one arm's transfers and lines, by stage; the last row of transfers is the return."""
+    """Care of one arm's transfers and lines, by stage.
+
+    The last row of transfers is the return.
+    """
 
     law: RestToRest
     """Timing laws of the transfers: the arm's joints, then the platform's, shape (n + 1, c)."""

@@ -102,7 +102,12 @@ def timed_slopes(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _through(by_joint: FloatArray, rates: FloatArray) -> FloatArray:
-    """Chain slopes by joints and platform (m, n + 1) with joints' slopes (m, n, v), (m, 1, v)."""
+    """Chain slopes by joints and platform with slopes of the joints, shape (m, 1, v).
+
+    Args:
+        by_joint: slopes by the n joints and by the platform, shape (m, n + 1).
+        rates: slopes of the joints by variables, the platform's first, shape (m, n, v).
+    """
     by_variable = product(by_joint[:, None, :-1], rates)
     by_variable[:, 0, 0] += by_joint[:, -1]
     return np.asarray(by_variable)
