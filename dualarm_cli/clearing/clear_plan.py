@@ -33,6 +33,7 @@ from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_
 from dualarm_cli.effort import ClearanceSettings, less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.blending import STOPPING
+from dualarm_cli.model.motion_limits import is_slowed
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import MotionCache
 from dualarm_cli.motion.waiting import transfer_ends
@@ -72,7 +73,7 @@ def quickest_clear(
         InfeasibleError: no posture reaches a target, or every plan collides.
     """
     once = partial(_quickest_clear, check_collisions=check_collisions, alone=alone)
-    if not problem.job.is_slowed or solve is not solve_sequence:
+    if not is_slowed(problem.job) or solve is not solve_sequence:
         return once(problem, solve, timing)
     plans: list[ClearedPlan] = []
     failure: InfeasibleError | None = None

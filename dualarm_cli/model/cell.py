@@ -217,6 +217,11 @@ class Cell:
         tcp = self.tools[arm].tcp * self.T_own_tool(arm, load.tool)
         return tcp.act(self.part_inertias.get(load.part, pin.Inertia.Zero()))
 
+    def with_accelerations(self, share: float) -> Cell:
+        """Return the cell with a fraction of the robot's accelerations."""
+        limits = self.robot.limits.scaled(1.0, share)
+        return replace(self, robot=replace(self.robot, limits=limits))
+
     def with_held_part(self, part: str, how: str, grip: pin.SE3) -> Cell:
         """Add a part as held by a grasp, or by the taking tool of a hand-over.
 

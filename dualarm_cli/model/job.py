@@ -371,22 +371,10 @@ class Job(ShownInNotebooks):
 
     def under(self, care: Care) -> Job:
         """Lower the rates of all joints and the tool speed to care, for a path or seam."""
-        if not care.slows:
-            return self
-        cap = min(care.tool_speed, math.inf if self.tool_speed is None else self.tool_speed)
-        robot = self.cell.robot
-        robot = replace(robot, limits=robot.limits.scaled(1.0, care.acceleration))
-        return replace(
-            self,
-            cell=replace(self.cell, robot=robot),
-            speed=self.speed * care.speed,
-            tool_speed=cap if cap < math.inf else None,
-        )
-
-    @property
-    def is_slowed(self) -> bool:
-        """Whether care or a tool speed limit slows the motion."""
-        return self.slows or self.tool_speed is not None
+        speed, cap = self.speed * care.speed, min(care.tool_speed, self.tool_speed or math.inf)
+        cell = self.cell.with_accelerations(care.acceleration)
+        slowed = replace(self, cell=cell, speed=speed, tool_speed=cap if cap < math.inf else None)
+        return slowed if care.slows else self
 
     @property
     def start_posture(self) -> str:

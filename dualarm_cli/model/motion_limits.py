@@ -17,6 +17,11 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 
 
+def is_slowed(job: Job) -> bool:
+    """Check whether care or a tool speed limit slows the motion of a job."""
+    return job.slows or job.tool_speed is not None
+
+
 @dataclass(frozen=True)
 class MotionLimits:
     """Limits of joints and tools in a stage or on a line."""

@@ -13,6 +13,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion_limits import is_slowed
 from dualarm_cli.postures import StopPosture
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, same_postures
@@ -278,7 +279,7 @@ def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[li
         problem.effort,
         problem.seed,
         # A search that ignores tool speed limits keeps the stages that do not collide.
-        local=problem.job.is_slowed and not problem.is_careful,
+        local=is_slowed(problem.job) and not problem.is_careful,
     )
     if near is None:
         return []
@@ -306,7 +307,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
 def _is_timed_whole(job: Job) -> bool:
     """Check whether the search times whole plans: without tool speed limits, care and conveyors."""
     belts = any(stop.belt is not None for task in job.tasks for stop in task.stops)
-    return not job.is_slowed and not belts
+    return not is_slowed(job) and not belts
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:

@@ -11,7 +11,7 @@ from dualarm_cli.collision.lying import stop_yaws
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
-from dualarm_cli.model.motion_limits import MotionLimits
+from dualarm_cli.model.motion_limits import MotionLimits, is_slowed
 from dualarm_cli.model.part_flow import NO_CARE, Care
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.postures.holding import Holding
@@ -49,7 +49,7 @@ def sequence_problem(
     }
     handing = tuple(any(stop.action == "give" for _, stop in work.values()) for work in stages)
     sequence = replace(_problem(model, job, stops), handing=handing)
-    if is_careful and job.is_slowed:
+    if is_careful and is_slowed(job):
         sequence = _careful(model, job, sequence)
     if holding is None:
         return sequence

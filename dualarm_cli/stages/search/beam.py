@@ -13,13 +13,13 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray, best_of_each
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SequenceClearance
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
-from dualarm_cli.stages.plans.slowing import UNLIMITED, Places, fastest
 from dualarm_cli.stages.search.plan_clearance import step_waits
 from dualarm_cli.stages.search.potentials import (
     ArmLayers,
     Layer,
     free_columns,
     platform_columns,
+    slowed_times,
     start_coordinates,
 )
 from dualarm_cli.timing.transfer_table import Coordinates, rows_of
@@ -447,7 +447,7 @@ def _options(
         without = free_columns(problem, a, layer, arm.layers[came] if came >= 0 else None)
         cost = arm.table.times(states.joints[a], layer.approach, without)
         if problem.arms[a].slowing is not None:
-            cost = _slowed(problem, a, k, cost, (states.joints[a], layer.approach), arm)
+            cost = slowed_times(problem, a, k, cost, (states.joints[a], layer.approach), arm.table)
         if arm.linked is not None and arm.linked[k]:
             before = arm.layers[came]
             assert before is not None  # a linked stage follows another one of the arm
@@ -469,45 +469,6 @@ def _options(
     nodes = np.take_along_axis(np.broadcast_to(at, total.shape), best, axis=2)
     left = np.take_along_axis(np.broadcast_to(left, total.shape), best, axis=2)
     return cost, left, nodes
-
-
-def _slowed(
-    problem: SequenceProblem,
-    a: int,
-    k: int,
-    times: NDArray[np.float32],
-    ends: tuple[Coordinates, Coordinates],
-    arm: ArmLayers,
-) -> NDArray[np.float32]:
-    """Slow transfers (b, n) into stage k to about their care.
-
-    A tool with a speed limit takes at least as long as at that speed throughout.
-
-    Args:
-        problem: the sequence.
-        a: index of the arm.
-        k: the stage.
-        times: times without care [s], shape (b, n).
-        ends: joints of the states (c, b) and of the nodes (c, n), in steps.
-        arm: its layers.
-    """
-    work = problem.arms[a]
-    slowing = work.slowing
-    assert slowing is not None  # only then
-    times = times * np.float32(slowing.stretch(k, work.law))
-    if slowing.cap[k] == UNLIMITED:
-        return times
-    start, goal = (
-        slowing.places(
-            problem.platform,
-            q[:, : work.joints],
-            q[:, work.joints :] if problem.turns else problem.platform_start[None],
-        )
-        for q in map(arm.table.joints, ends)
-    )
-    start = Places(start.q[:, None], start.p[:, None], start.J[:, None])
-    least = fastest([start, goal]) / slowing.cap[k]
-    return np.maximum(times, least.astype(np.float32))
 
 
 def _moved(beam: _Beam, states: _States, kept: _Candidates, k: int) -> _States:

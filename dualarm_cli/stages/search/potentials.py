@@ -13,6 +13,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.slowing import UNLIMITED, Places, fastest
 from dualarm_cli.stages.plans.source import given_postures
 from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.timing.transfer_table import Coordinates, TransferTable, rows_of
@@ -308,3 +309,42 @@ def _return_times(problem: SequenceProblem, a: int, arm: ArmLayers, layer: Layer
     if k < problem.stages - 1:
         without = (*without, *platform_columns(problem, a))
     return arm.table.times(layer.retract, goal, without)[:, 0]
+
+
+def slowed_times(
+    problem: SequenceProblem,
+    a: int,
+    k: int,
+    times: Times,
+    ends: tuple[Coordinates, Coordinates],
+    table: TransferTable,
+) -> Times:
+    """Slow transfers (b, n) into stage k to about their care.
+
+    A tool with a speed limit takes at least as long as at that speed throughout.
+
+    Args:
+        problem: the sequence.
+        a: index of the arm.
+        k: the stage.
+        times: times without care [s], shape (b, n).
+        ends: joints of the states (c, b) and of the nodes (c, n), in steps.
+        table: table of its transfers.
+    """
+    work = problem.arms[a]
+    slowing = work.slowing
+    assert slowing is not None  # only then
+    times = times * np.float32(slowing.stretch(k, work.law))
+    if slowing.cap[k] == UNLIMITED:
+        return times
+    start, goal = (
+        slowing.places(
+            problem.platform,
+            q[:, : work.joints],
+            q[:, work.joints :] if problem.turns else problem.platform_start[None],
+        )
+        for q in map(table.joints, ends)
+    )
+    start = Places(start.q[:, None], start.p[:, None], start.J[:, None])
+    least = fastest([start, goal]) / slowing.cap[k]
+    return np.maximum(times, least.astype(np.float32))
