@@ -42,7 +42,6 @@ from dualarm_cli.postures.stage_plan import same_postures
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.plans.clearance import NoGood
-from dualarm_cli.stages.sequence import solve_sequence
 from dualarm_cli.timing import TimingSolver
 
 
@@ -73,7 +72,12 @@ def quickest_clear(
         InfeasibleError: no posture reaches a target, or every plan collides.
     """
     once = partial(_quickest_clear, check_collisions=check_collisions, alone=alone)
-    if not is_slowed(problem.job) or solve is not solve_sequence:
+    if not is_slowed(problem.job):
+        return once(problem, solve, timing)
+    # Only careful jobs ask which method it is.
+    from dualarm_cli.stages.sequence import solve_sequence
+
+    if solve is not solve_sequence:
         return once(problem, solve, timing)
     plans: list[ClearedPlan] = []
     failure: InfeasibleError | None = None
