@@ -74,7 +74,7 @@ def quickest_clear(
     once = partial(_quickest_clear, check_collisions=check_collisions, alone=alone)
     if not is_slowed(problem.job):
         return once(problem, solve, timing)
-    # Only careful jobs ask which method it is.
+    # Most jobs do without this import, which is deep.
     from dualarm_cli.stages.sequence import solve_sequence
 
     if solve is not solve_sequence:
