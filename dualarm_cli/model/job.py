@@ -370,7 +370,7 @@ class Job(ShownInNotebooks):
         return any(task.care.slows or task.holding.slows for task in self.tasks)
 
     def under(self, care: Care) -> Job:
-        """Lower the rates of all joints and the tool speed to care, for a path or seam."""
+        """Lower rates and tool speed to the limits of a path or seam."""
         speed, cap = self.speed * care.speed, min(care.tool_speed, self.tool_speed or math.inf)
         cell = self.cell.with_accelerations(care.acceleration)
         slowed = replace(self, cell=cell, speed=speed, tool_speed=cap if cap < math.inf else None)
