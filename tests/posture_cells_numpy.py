@@ -26,7 +26,7 @@ TINY = 1e-5
 """Distance of wrist and shoulder below which no direction between them is known [m]."""
 APART = 2.0
 """Ranges of one joint whose middles are this far apart are not put into one cell [rad]."""
-SHARES = 16
+SHARES = 64
 """Into so many shares the differences of the arm angle within a part are cut."""
 SHOULDER, WRIST = (0, 1, 2), (6, 5, 4)
 """Outer joint, middle joint and joint along the link of both triples: the wrist is a shoulder seen from the tool."""

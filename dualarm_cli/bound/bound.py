@@ -7,9 +7,9 @@ which all arms of the stage reach both ends of their lines, so that these cells 
 
 - the transfer takes at least the rest-to-rest time of the slowest joint, or of the platform, over the gap between the
   two cells (times grow with the distance);
-- approach, dwell and retract take at least the dwell plus the larger of two times: the bound of the lines
-  (`pose_cells`), and the rest-to-rest time between the two cells (two consecutive rest-to-rest motions take no less
-  than a single one);
+- approach, dwell and retract take at least the dwell plus the bounds of the lines (`pose_cells`), or longer where the
+  joints are to travel farther from one cell to the other: on each line a joint starts or ends at rest at the target, so
+  that its travel grows ever faster with time, and the least sum of both times lengthens only the longer line;
 - a stage lasts as long as the slower arm, so at least the least time of the other arm over all its postures in the same
   two platform cells;
 - a path or seam makes two stages, the first up to its begin, the second along it. Its arms reach its end without a
@@ -164,7 +164,7 @@ class _Stage:
         if self.pairs is None:
             return np.tile(_least_by_cell(self.work, self.work.least, cells), (cells, 1))
         zero = np.zeros(len(self.work.retract.index), dtype=np.float32)
-        times = self.pairs.by_cells(self.work.least, self.work.onward(zero, zero), cells)
+        times = self.pairs.by_cells(self.work.least, self.work.onward(zero), cells)
         return times if self.consecutive else np.tile(times[0], (cells, 1))
 
 
@@ -385,7 +385,7 @@ def _least_from(
     """
     work_and_rest, beyond = stage.work.with_rest(arm.remaining, arm.turned)
     if stage.pairs is not None:
-        onward = stage.work.onward(arm.remaining, arm.turned)
+        onward = stage.work.onward(arm.turned)
         return stage.pairs.least_from(work_and_rest, onward, floor, beyond)
     totals = np.maximum(work_and_rest, floor.min(axis=0)[stage.work.approach.index] + beyond)
     return (np.full(1 if before is None else len(before.retract.index), totals.min()),) * 2

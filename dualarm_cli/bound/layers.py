@@ -100,19 +100,15 @@ class StopWork:
         zero = np.zeros(len(self.retract.index), dtype=np.float32)
         return self.with_rest(zero, zero)[0]
 
-    def onward(self, rest: Times, turned: Times) -> Times:
+    def onward(self, turned: Times) -> Times:
         """Compute the least dwell, retract and rest after approaches that are not late [s], shape (n,).
 
         Args:
-            rest: time that follows from each retract cell [s].
-            turned: the same, after a retract from the target.
+            turned: time that follows from each retract cell after a retract from the target [s].
         """
-        if self.same:
-            return turned + np.float32(self.dwell)
-        late = self.approach.late
-        line = self.approach.line + np.float32(late if np.isfinite(late) else 0.0)
-        lines = replace(self.lines, before=replace(self.approach, line=line))
-        return replace(self, lines=lines).with_rest(rest, turned)[0] - line
+        if self.same or self.approach.at_target:
+            return self.with_rest(turned, turned)[0]
+        return self.lines.least_in_cell(self.retract.line + turned) + np.float32(self.dwell)
 
     def with_rest(self, rest: Times, turned: Times) -> tuple[Times, Times]:
         """Compute the least work plus rest, and the least rest, per approach cell.
@@ -126,9 +122,8 @@ class StopWork:
         """
         if self.same:
             return turned + np.float32(self.dwell), turned
-        longer = np.subtract(turned, rest, out=np.zeros_like(rest), where=np.isfinite(rest))
-        sums, alone = self.lines.least_within(rest, longer)
-        return sums + np.float32(self.dwell), alone
+        sums = self.lines.least_within(rest, turned)
+        return sums + np.float32(self.dwell), self.lines.least_in_cell(rest)
 
 
 @dataclass(frozen=True)

@@ -145,11 +145,18 @@ class JointChains(PointerStruct):
 class LineEnds(PointerStruct):
     """Cells at one end of a stop's lines: `LineEnds` in C."""
 
-    _fields_ = (("cells", CoordinateBoxes), ("first", _pointer), ("line", _pointer))
+    _fields_ = (
+        ("cells", CoordinateBoxes),
+        *((name, _pointer) for name in ("first", "line", "travel")),
+    )
 
     @classmethod
     def of(
-        cls, cells: CoordinateBoxes, first: NDArray[np.int64], line: NDArray[np.float32]
+        cls,
+        cells: CoordinateBoxes,
+        first: NDArray[np.int64],
+        line: NDArray[np.float32],
+        travel: NDArray[np.int16],
     ) -> LineEnds:
         """Build the structure of n cells in g groups.
 
@@ -157,29 +164,35 @@ class LineEnds(PointerStruct):
             cells: n boxes, in order of their groups.
             first: first cell of each group, and n, shape (g + 1,).
             line: least time of the line at each cell [s], shape (n,).
+            travel: largest travel of the joints of each class in this time [steps], shape (classes, n).
         """
-        structure = cls(cells, pointer(first), pointer(line))
-        structure.held = cells, first, line
+        structure = cls(cells, pointer(first), pointer(line), pointer(travel))
+        structure.held = cells, first, line, travel
         return structure
 
 
 def least_work(
-    laws: Laws, approach: LineEnds, retract: LineEnds, groups: int, remaining: NDArray[np.float32]
+    laws: Laws,
+    approach: LineEnds,
+    retract: LineEnds,
+    groups: int,
+    rest: tuple[NDArray[np.float32], NDArray[np.float32]],
 ) -> NDArray[np.float32]:
-    """Minimise max(transfer, both lines) + remaining over the retract cells of each group [s], shape (n,).
+    """Minimise both lines + remaining over the retract cells of each group [s], shape (n,).
 
     Args:
         laws: tables of times.
         approach: n cells at which the approach begins.
         retract: m cells at which the retract ends.
         groups: number of groups.
-        remaining: time after each retract cell [s], shape (m,).
+        rest: least time of each retract with the delay of what follows [s], shape (m,), and the time after each retract
+            cell without it [s], shape (m,).
 
     Raises:
         MemoryError: out of memory.
     """
     least = np.full(approach.cells.count, np.inf, dtype=np.float32)
-    arguments = *map(byref, (laws, approach, retract)), _int64(groups), pointer(remaining)
+    arguments = *map(byref, (laws, approach, retract)), _int64(groups), *map(pointer, rest)
     _check(library().least_work(*arguments, pointer(least)))
     return least
 

@@ -384,7 +384,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             for_few=FINE,
         ),
         bound=Resolution(step=np.radians(7.5), arm_angles=24, finer=2),
-        passing_bound=Resolution(step=np.radians(4.0), arm_angles=14, finer=2),
+        passing_bound=Resolution(step=np.radians(4.0), arm_angles=15, finer=2),
         hopeless_orders=4,
         section_orders=4,
         section_starts=4,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import field
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,8 @@ WIDEST = 4.0 * np.pi
 Coordinates = NDArray[np.int16]
 """Joint values in steps of a table, coordinate first."""
 Times = NDArray[np.float32]
+REST_TO_ANY = 2
+"""Row of the motions from rest to any speed in the tables of chains."""
 STEPS_PER_ENTRY = 4
 """Steps per entry of the tables of chains, in compiled code as well."""
 RUN = 32
@@ -87,6 +89,8 @@ class TransferTable:
     """Laws of the chains of joints; None for motions from rest to rest."""
     _laws: dict[tuple[int, ...], Laws] = field(default_factory=dict, compare=False, repr=False)
     """Table for the compiled functions, by excluded coordinates."""
+    _line_laws: dict[tuple[int, ...], Laws] = field(default_factory=dict, compare=False, repr=False)
+    """The same of lines from rest."""
 
     @classmethod
     def of(cls, laws: list[RestToRest], lower: FloatArray, upper: FloatArray) -> TransferTable:
@@ -195,6 +199,31 @@ class TransferTable:
             self._laws[without] = Laws.of(tables, columns, ends)
         return self._laws[without]
 
+    def line_laws(self, without: tuple[int, ...]) -> Laws:
+        """Prepare the least times of lines from rest for the compiled functions.
+
+        To any speed where lines are passed in motion, else to rest. They are not above a distance at full speed less
+        than that of the longest one: travel then grows ever faster with time.
+
+        Args:
+            without: coordinates to exclude.
+        """
+        if without not in self._line_laws:
+            times, columns, ends = self.laws(without).held
+            if self.chains is not None:
+                number = self.chains.number
+                times = np.repeat(self.chains.times[:, REST_TO_ANY], STEPS_PER_ENTRY, axis=1)
+                times = times[:, : STEPS + 1]
+                kept = [
+                    np.setdiff1d(np.flatnonzero(number == k), without) for k in range(len(times))
+                ]
+                columns = np.concatenate(kept).astype(np.int32)
+                ends = np.cumsum([len(group) for group in kept], dtype=np.int32)
+            shorter = np.float32(self.step) * np.arange(STEPS, -1, -1, dtype=np.float32)
+            least = np.ascontiguousarray(np.minimum(times, times[:, -1:] - shorter))
+            self._line_laws[without] = Laws.of(least, columns, ends)
+        return self._line_laws[without]
+
 
 def _chain_laws(laws: list[RestToRest], step: float) -> ChainLaws | None:
     """Tabulate the motions of chains; joints whose limits stand in the same proportions share a table."""
@@ -250,10 +279,11 @@ class PostureBoxes:
         """Flag of ends without lines, where joints are at rest at the target."""
         return self.displacement is not None and np.isinf(self.late)
 
-    def ends(self, groups: int) -> LineEnds:
+    def ends(self, groups: int, laws: Laws) -> LineEnds:
         """Group the boxes by platform cell, as one end of lines."""
         first = np.searchsorted(self.index, np.arange(groups + 1)).astype(np.int64)
-        return LineEnds.of(boxes(self.low, self.high), first, self.line)
+        travel = np.stack([np.searchsorted(times, self.line, "right") for times in laws.held[0]])
+        return LineEnds.of(boxes(self.low, self.high), first, self.line, travel.astype(np.int16))
 
     @cached_property
     def first_of_runs(self) -> IntArray:
@@ -341,22 +371,27 @@ class Pairs:
         least, plain = least_from(self._laws, *runs, ends, floor, beyond)
         return least, least if self.before.at_target else plain
 
-    @cached_property
-    def _line_ends(self) -> tuple[int, LineEnds]:
-        """Number of platform cells, and begins of lines for the compiled function."""
-        cells = 1 + int(max(self.before.index[-1], self.after.index[-1]))
-        return cells, self.before.ends(cells)
-
-    def least_within(self, rest: Times, longer: Times) -> tuple[Times, Times]:
-        """Minimise line plus rest, and the rest alone, in one platform cell [s], (n,) each.
+    def least_within(self, rest: Times, turned: Times) -> Times:
+        """Minimise line plus rest in one platform cell [s], shape (n,).
 
         Args:
             rest: remaining time after each cell at a line's end [s], shape (m,).
-            longer: time by which it is longer after both lines, shape (m,).
+            turned: the same, no less than `rest`, where both lines take their least times.
         """
-        cells, before = self._line_ends
+        cells = 1 + int(max(self.before.index[-1], self.after.index[-1]))
+        laws = self.table.line_laws(self.without)
+        longer = np.subtract(turned, rest, out=np.zeros_like(rest), where=np.isfinite(rest))
+        ends = self.before.ends(cells, laws), self.after.ends(cells, laws)
+        return least_work(laws, *ends, cells, (self.after.line + longer, rest))
+
+    def least_in_cell(self, times: Times) -> Times:
+        """Select the least time in the platform cell of each begin [s], shape (n,).
+
+        Args:
+            times: time of each cell at a motion's end [s], shape (m,).
+        """
+        cells = 1 + int(max(self.before.index[-1], self.after.index[-1]))
         present, first = np.unique(self.after.index, return_index=True)
-        alone = np.full(cells, np.inf, dtype=np.float32)
-        alone[present] = np.minimum.reduceat(rest, first)
-        ends = replace(self.after, line=self.after.line + longer).ends(cells)
-        return least_work(self._laws, before, ends, cells, rest), alone[self.before.index]
+        least = np.full(cells, np.inf, dtype=np.float32)
+        least[present] = np.minimum.reduceat(times, first)
+        return least[self.before.index]

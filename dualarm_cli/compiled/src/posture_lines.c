@@ -10,7 +10,7 @@
 #include "posture_lines.h"
 
 /* Bisections of the differences within a part. */
-enum { BISECTIONS = 4, DISPLACEMENT_BISECTIONS = 3 };
+enum { BISECTIONS = 6 };
 
 /* Positions of a joint over one part where the line starts, or over two neighbouring parts at the target.
 
@@ -287,50 +287,14 @@ static Span within_half_turn(const Search *search, int joint, Span gap)
     return is_sure ? moved : (Span){-INFINITY, INFINITY};
 }
 
-/* Enlarge the displacements of a joint; return whether they tell less than before.
-
-   They tell whether the joint must rise or fall. */
-static int enlarge(Displacements *displacements, int joint, Span gap, int only_compare)
+/* Enlarge the displacements of a joint that must rise or fall so far. */
+static void enlarge(Displacements *displacements, int joint, Span gap)
 {
     double *low = displacements->low + joint, *high = displacements->high + joint;
-    const int grows = !(*low <= 0.0 && *high >= 0.0) && (gap.low < *low || gap.high > *high);
-    if (grows && !only_compare) {
-        *low = fmin(*low, gap.low);
-        *high = fmax(*high, gap.high);
-    }
-    return grows;
-}
-
-/* Enlarge the displacements by those of an interval of the differences, or only check whether that changes them. */
-static int add_whole(const Search *search, const Span *span, double begin, double end, Displacements *displacements,
-                     int only_compare)
-{
-    int grows = 0;
-    for (int joint = 0; joint < JOINTS; joint++)
-        grows |= enlarge(displacements, joint, within_half_turn(search, joint, gap_span(search, joint, begin, end)),
-                         only_compare);
-    for (int triple = 0; triple < 2; triple++)
-        for (int i = 0; i < 3 && search->flipped[triple] < search->best; i++) {
-            const int joint = JOINT[triple][i];
-            grows |= enlarge(displacements, joint, within_half_turn(search, joint, span_gap(search, joint, span, 1)),
-                             only_compare);
-        }
-    return grows;
-}
-
-/* Enlarge the displacements by those of an interval of the differences, bisected where they grow. */
-static void add_interval(Search *search, const Span *span, double begin, double end, int bisections,
-                         Displacements *displacements)
-{
-    if (interval_time(search, begin, end) >= search->best || !add_whole(search, span, begin, end, displacements, 1))
+    if (*low <= 0.0 && *high >= 0.0)
         return;
-    if (!bisections) {
-        add_whole(search, span, begin, end, displacements, 0);
-        return;
-    }
-    const double middle = 0.5 * (begin + end);
-    add_interval(search, span, begin, middle, bisections - 1, displacements);
-    add_interval(search, span, middle, end, bisections - 1, displacements);
+    *low = fmin(*low, gap.low);
+    *high = fmax(*high, gap.high);
 }
 
 /* Check whether displacements tell of a joint that it must rise or fall. */
@@ -353,7 +317,16 @@ static void add_arc(Search *search, const Arc *arc, int64_t index, const Course 
         return;
     }
     compare_part(search, arc + index, target);
-    add_interval(search, arc[index].span, 0.0, 1.0, DISPLACEMENT_BISECTIONS, displacements);
+    if (interval_time(search, 0.0, 1.0) >= search->best)
+        return;
+    for (int joint = 0; joint < JOINTS; joint++)
+        enlarge(displacements, joint, within_half_turn(search, joint, gap_span(search, joint, 0.0, 1.0)));
+    for (int triple = 0; triple < 2; triple++)
+        for (int i = 0; i < 3 && search->flipped[triple] < search->best; i++) {
+            const int joint = JOINT[triple][i];
+            enlarge(displacements, joint,
+                    within_half_turn(search, joint, span_gap(search, joint, arc[index].span, 1)));
+        }
 }
 
 /* Forget the displacements of the joints from `first` on. */

@@ -32,34 +32,40 @@ typedef struct {
 
 enum { TILE = 512, BLOCK = 32 }; /* boxes processed together, and cells with a common bound */
 
+/* Compute the largest gaps of the joints of class k from box i to `count` boxes from `begin` on, at most TILE. */
+static void compute_gaps(const Laws *laws, int32_t k, Boxes from, int64_t i, Boxes to, int64_t begin, int64_t count,
+                         int16_t *gap)
+{
+    for (int64_t j = 0; j < count; j++)
+        gap[j] = 0;
+    for (int32_t c = k ? laws->end[k - 1] : 0; c < laws->end[k]; c++) {
+        const int64_t column = laws->column[c];
+        const int16_t low = from.low[column * from.count + i], high = from.high[column * from.count + i];
+        const int16_t *goal_low = to.low + column * to.count + begin;
+        const int16_t *goal_high = to.high + column * to.count + begin;
+        if (low == high && goal_low == goal_high) {
+            /* Between points the gap is symmetric. */
+            for (int64_t j = 0; j < count; j++) {
+                const int16_t over = (int16_t)(goal_low[j] - low), under = (int16_t)-over;
+                const int16_t larger = over > under ? over : under;
+                gap[j] = gap[j] > larger ? gap[j] : larger;
+            }
+            continue;
+        }
+        for (int64_t j = 0; j < count; j++) {
+            const int16_t over = (int16_t)(goal_low[j] - high), under = (int16_t)(low - goal_high[j]);
+            const int16_t larger = over > under ? over : under;
+            gap[j] = gap[j] > larger ? gap[j] : larger;
+        }
+    }
+}
+
 /* Compute the times from box i to `count` boxes from `begin` on, at most TILE. */
 static void compute_row(const Laws *laws, Boxes from, int64_t i, Boxes to, int64_t begin, int64_t count, float *time)
 {
     int16_t gap[TILE];
-    int32_t c = 0;
     for (int32_t k = 0; k < laws->classes; k++) {
-        for (int64_t j = 0; j < count; j++)
-            gap[j] = 0;
-        for (; c < laws->end[k]; c++) {
-            const int64_t column = laws->column[c];
-            const int16_t low = from.low[column * from.count + i], high = from.high[column * from.count + i];
-            const int16_t *goal_low = to.low + column * to.count + begin;
-            const int16_t *goal_high = to.high + column * to.count + begin;
-            if (low == high && goal_low == goal_high) {
-                /* Between points the gap is symmetric. */
-                for (int64_t j = 0; j < count; j++) {
-                    const int16_t over = (int16_t)(goal_low[j] - low), under = (int16_t)-over;
-                    const int16_t larger = over > under ? over : under;
-                    gap[j] = gap[j] > larger ? gap[j] : larger;
-                }
-                continue;
-            }
-            for (int64_t j = 0; j < count; j++) {
-                const int16_t over = (int16_t)(goal_low[j] - high), under = (int16_t)(low - goal_high[j]);
-                const int16_t larger = over > under ? over : under;
-                gap[j] = gap[j] > larger ? gap[j] : larger;
-            }
-        }
+        compute_gaps(laws, k, from, i, to, begin, count, gap);
         const float *table = laws->table + (int64_t)k * laws->steps;
         for (int64_t j = 0; j < count; j++) {
             const float time_k = table[gap[j]];
@@ -149,6 +155,7 @@ typedef struct {
     Boxes cells;
     const int64_t *first; /* first cell of each group, and the number of cells, (groups + 1,) */
     const float *line;    /* least time of the line at each cell [s] */
+    const int16_t *travel; /* largest travel of the joints in this time [steps], (classes, count) */
 } LineEnds;
 
 /* Run or block of cells with the lower bound of its times. */
@@ -166,13 +173,39 @@ static int by_bound(const void *first, const void *second)
     return a->index - b->index;
 }
 
-/* Minimise max(transfer, both lines) + remaining over the retract cells in the group of each approach cell.
+/* Compute the least times of both lines from approach cell i to `count` retract cells from `begin` on, at most BLOCK.
 
-   remaining: of each retract cell, (retract->cells.count,). least: infinite for groups without retract cells,
+   Joints are at rest at the target and travel from cell to cell on both lines together. Travel grows ever faster with
+   time, so that the time beyond both least times is best spent on the longer line.
+   retracting: least times of the retracts with the delay of what follows [s], (retract->cells.count,). */
+static void compute_line_times(const Laws *laws, const LineEnds *approach, int64_t i, const LineEnds *retract,
+                               const float *retracting, int64_t begin, int64_t count, float *time)
+{
+    int16_t gap[BLOCK];
+    const float line = approach->line[i];
+    for (int64_t j = 0; j < count; j++)
+        time[j] = line + retracting[begin + j];
+    for (int32_t k = 0; k < laws->classes; k++) {
+        compute_gaps(laws, k, approach->cells, i, retract->cells, begin, count, gap);
+        const float *table = laws->table + (int64_t)k * laws->steps;
+        const int16_t travel = approach->travel[k * approach->cells.count + i];
+        const int16_t *travels = retract->travel + k * retract->cells.count + begin;
+        for (int64_t j = 0; j < count; j++) {
+            const float other = retract->line[begin + j], shorter = line < other ? line : other;
+            const int16_t least = travel < travels[j] ? travel : travels[j];
+            const float sum = shorter + table[gap[j] > least ? gap[j] - least : 0];
+            time[j] = sum > time[j] ? sum : time[j];
+        }
+    }
+}
+
+/* Minimise both lines + remaining over the retract cells in the group of each approach cell.
+
+   retracting: see `compute_line_times`. remaining: of each retract cell, (retract->cells.count,). least: infinite for groups without retract cells,
    (approach->cells.count,). Blocks of a group are searched in order of the bounds from their lines and remaining times.
    Returns 0, or 1 if out of memory. */
 int least_work(const Laws *laws, const LineEnds *approach, const LineEnds *retract, int64_t groups,
-               const float *remaining, float *least)
+               const float *retracting, const float *remaining, float *least)
 {
     Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(retract->cells.count / BLOCK + 1));
     float time[BLOCK];
@@ -183,7 +216,7 @@ int least_work(const Laws *laws, const LineEnds *approach, const LineEnds *retra
         const int64_t blocks = (end - begin + BLOCK - 1) / BLOCK;
         for (int64_t b = 0; b < blocks; b++) {
             const int64_t j = begin + b * BLOCK, block_end = j + BLOCK < end ? j + BLOCK : end;
-            const float bound = minimum(retract->line, j, block_end) + minimum(remaining, j, block_end);
+            const float bound = minimum(retracting, j, block_end) + minimum(remaining, j, block_end);
             candidates[b] = (Candidate){bound, (int32_t)b};
         }
         qsort(candidates, (size_t)blocks, sizeof(Candidate), by_bound);
@@ -193,10 +226,9 @@ int least_work(const Laws *laws, const LineEnds *approach, const LineEnds *retra
             /* A relative margin of 1e-6 covers the rounding of sums in a different order. */
             for (int64_t b = 0; b < blocks && line + candidates[b].bound < best * (1.0F + 1e-6F); b++) {
                 const int64_t j = begin + candidates[b].index * BLOCK, count = end - j < BLOCK ? end - j : BLOCK;
-                compute_row(laws, approach->cells, i, retract->cells, j, count, time);
+                compute_line_times(laws, approach, i, retract, retracting, j, count, time);
                 for (int64_t k = 0; k < count; k++) {
-                    const float line_times = line + retract->line[j + k];
-                    const float total = (time[k] > line_times ? time[k] : line_times) + remaining[j + k];
+                    const float total = time[k] + remaining[j + k];
                     best = total < best ? total : best;
                 }
             }
