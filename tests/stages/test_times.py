@@ -74,6 +74,7 @@ def test_line_times_are_near_those_of_the_exact_lines(random_job: Callable[..., 
     assert np.isfinite(found.stages).all()
 
 
+# Joints with different limits do not move in proportion, so that the tool's path differs from the straight transfer's.
 CAREFUL = {
     "speed": (Care(speed=0.5), 1e-9),
     "acceleration": (Care(acceleration=0.4), 1e-9),
@@ -99,6 +100,25 @@ def test_careful_times_are_those_of_the_exact_motion(
     lengths = [stage.end - stage.start for stage in made.stages]
     assert lengths == pytest.approx([*found.stages], rel=tolerance)
     assert found.total > 1.1 * evaluate(sequence_problem(model, job), found.decisions).total
+
+
+def test_the_largest_tool_speed_is_that_of_the_straight_transfer(
+    random_job: Callable[..., Job],
+) -> None:
+    """Between an eighth and seven eighths of 30 swings, by differences of the tool's place."""
+    job = random_job(0, stages=(2, 0))
+    job = replace(job, tasks=tuple(replace(t, care=Care(tool_speed=0.5)) for t in job.tasks))
+    problem = sequence_problem(CellModel.from_cell(job.cell), job, is_careful=True)
+    slowing, joints = problem.arms[0].slowing, problem.arms[0].joints
+    assert slowing is not None
+    random = np.random.default_rng(0)
+    start = random.uniform(-0.6, 0.6, (30, joints + 1))
+    goal = start + random.uniform(-0.8, 0.8, start.shape)
+    rows = (start + share * (goal - start) for share in np.linspace(0.0, 1.0, 2001))
+    places = [slowing.places(problem.platform, q[:, :-1], q[:, -1:]) for q in rows]
+    steps = np.diff([place.p for place in places], axis=0)[250:1750]
+    exact = 2000.0 * np.linalg.norm(steps, axis=-1).max(axis=0)
+    assert fastest(places[::1000]) == pytest.approx(exact, rel=0.01)
 
 
 def test_the_slope_of_a_slow_tool_is_that_of_its_time(random_job: Callable[..., Job]) -> None:
