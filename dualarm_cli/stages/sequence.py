@@ -362,14 +362,14 @@ def _rivals(
         problem: the problem of the method.
         starts: unrefined plans of the simpler methods.
         result: result of the search.
-        few: number of stages up to which the `minimum_time` plan is always refined, but see `quickest_moves_only`.
+        few: number of stages up to which the `minimum_time` plan is always refined.
     """
     total, settings = result.best.total, problem.settings.sequence
     is_short = len(problem.job.stages()) <= few or not problem.settings.spares
     capped = problem.job.tool_speed is not None
     even = SCALING.damping(len(problem.job.stages()))
     excess = dict.fromkeys(starts, np.inf if capped else settings.refined * even)
-    if MINIMUM_TIME in excess and not (is_short and problem.settings.search.quickest_moves_only):
+    if MINIMUM_TIME in excess:
         excess[MINIMUM_TIME] = np.inf if is_short or capped else settings.refined_moves * even
     limits = {name: (1.0 + share) * total for name, share in excess.items()}
     rivals = [name for name, rough in starts.items() if _length(rough) <= limits[name]]
