@@ -328,7 +328,7 @@ def bound_line(report: dict[str, Any]) -> str:
             if report["tool_speed_cap"]
             else "limits of tasks and parts"
         )
-        line += f"; neither the bound nor the search includes {limit}"
+        line += f"; the bound ignores {limit}"
     elif report["grid_gap"] is not None:
         before = "refinement" if report["blending"] is None else "refinement and blending"
         line += (
