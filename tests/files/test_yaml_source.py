@@ -152,3 +152,18 @@ def test_brackets_within_braces_are_told_to_need_quotes() -> None:
         with pytest.raises(InputError) as error:
             parse_yaml(TextSource("f", text, ""))
         assert (hint in str(error.value)) is expected
+
+
+def test_a_unit_after_a_list_is_told_to_go_with_each_number() -> None:
+    """In mappings of both styles and in lists; a missing comma is another error."""
+    hint = "write one with each number, such as [80 ms, 120 ms]"
+    for text, expected in (
+        ("dwell: {gripper: [80, 120, 200] ms}", True),
+        ("gripper: [80, 120, 200] ms  # measured\nsettle: 1", True),
+        ("speed:\n  - [1, 2]mm/s\n  - 3", True),
+        ("{xyz: [1, 2, 3] at: bin}", False),
+        ("{gripper: [80, 120}", False),
+    ):
+        with pytest.raises(InputError) as error:
+            parse_yaml(TextSource("f", text, ""))
+        assert (hint in str(error.value)) is expected, text

@@ -20,6 +20,7 @@ MAX_NUMBER_LENGTH = 40
 """Maximum length of a number."""
 _INT = re.compile(r"[-+]?(0|[1-9][0-9]*)", re.ASCII)
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?", re.ASCII)
+_UNIT_OF_LIST = re.compile(r"[0-9]\s*\]\s*(%|[a-z][a-z/^0-9]*)\s*([]},#]|$)", re.ASCII)
 _NON_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _WORDS = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
@@ -192,6 +193,8 @@ def _syntax_error(source: TextSource, error: yaml.MarkedYAMLError) -> Diagnostic
             "[",
         ):
             message += "; text with brackets needs quotes there"
+        elif _UNIT_OF_LIST.search(text):
+            message += "; a list has no unit: write one with each number, such as [80 ms, 120 ms]"
     return source.diagnostic(line, column, "E101", message)
 
 
