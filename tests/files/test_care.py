@@ -64,6 +64,7 @@ VALUES = [
     ],
     ("tool_speed", "0", "must be positive"),
     ("tool_speed", "-1 m/s", "must be positive"),
+    ("tool_speed", "1e-9 m/s", "must be at least 1e-06 m/s"),
     ("tool_speed", "30", "did you mean '30 mm/s'?"),
     ("tool_speed", "50 %", "allowed: m/s, mm/s"),
     ("tool_speed", "'0,5'", "write a decimal point: 0.5"),

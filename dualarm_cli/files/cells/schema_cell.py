@@ -14,7 +14,6 @@ from dualarm_cli.files.source.fields import (
     BodyPair,
     Clearance,
     Density,
-    Distance,
     FramedPose,
     LineSection,
     Mass,
@@ -24,6 +23,7 @@ from dualarm_cli.files.source.fields import (
     Scale,
     Section,
     Size,
+    SmallSize,
     SpeedFraction,
     Symmetry,
     Tilt,
@@ -185,7 +185,7 @@ class FreeSection(Section):
         default=0.0,
         description="Largest tilt of the tool about its x or y axis [rad]: grasps with it are added.",
     )
-    area: Annotated[list[Size], Field(min_length=2, max_length=2)] | None = Field(
+    area: Annotated[list[SmallSize], Field(min_length=2, max_length=2)] | None = Field(
         default=None,
         description="Sides of the area along the tool's x and y axes in which it may grip [m], such as of a suction "
         "cup on a lid: grasps at its corners are added.",
@@ -218,7 +218,7 @@ class GraspSection(ToolPose):
         description="Straight retract [m], with its direction if that is not the tool's z axis; default: that of "
         "the task.",
     )
-    width: Size | None = Field(
+    width: SmallSize | None = Field(
         default=None,
         description="Distance of the tool's jaws on the part [m]; default: the part's.",
     )
@@ -279,7 +279,7 @@ class PartSection(WeighedSection):
         description="Number of turns about the part's z axis after which it looks the same; grasps off that axis "
         "are repeated for each.",
     )
-    width: Size | None = Field(
+    width: SmallSize | None = Field(
         default=None,
         description="Distance of the jaws that hold it [m], in grasps that do not state their own: only arms whose "
         "tool opens that far take it.",
@@ -313,7 +313,7 @@ class ToolSection(WeighedSection):
     shapes: list[ToolShapeSection] = Field(
         default_factory=list, description="Solids in the flange frame."
     )
-    opening: Annotated[list[Distance], Field(min_length=2, max_length=2)] | None = Field(
+    opening: Annotated[list[Clearance], Field(min_length=2, max_length=2)] | None = Field(
         default=None,
         description="Least and greatest distance of the tool's jaws [m]; default: any.",
     )

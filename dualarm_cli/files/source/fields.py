@@ -42,7 +42,7 @@ QUATERNION_TOLERANCE = 1e-3
 SMALLEST_POSITIVE = 1e-9
 """Least size, rate or duration that counts as positive [SI]."""
 LONGEST_CLEARANCE = 1.0
-"""Longest clearance, stand-off or tolerance without a unit [m]."""
+"""Longest clearance, stand-off, tolerance, grip or opening of jaws without a unit [m]."""
 LONGEST_REACH = 5.0
 """Longest tool, link, approach or retract without a unit [m]."""
 
@@ -85,7 +85,7 @@ class Quantity:
             raise refuse(str(error)) from None
         if number < self.low:
             relation = "at least " + self._limit(value, self.low)
-            relation = "positive" if 0.0 < self.low < 1e-3 else relation
+            relation = "positive" if number <= 0.0 < self.low < 1e-3 else relation
             raise refuse(f"{quote(value)}: {self.dimension.name} must be {relation}")
         if number > self.high:
             most = self._limit(value, self.high)
@@ -122,6 +122,9 @@ StraightPart = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, p
 Blend = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, plain=LONGEST_REACH)]
 LinkLength = Annotated[float, Quantity(quantities.LENGTH, plain=LONGEST_REACH)]
 Size = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE)]
+SmallSize = Annotated[
+    float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, plain=LONGEST_CLEARANCE)
+]
 Angle = Annotated[float, Quantity(quantities.ANGLE)]
 Duration = Annotated[float, Quantity(quantities.TIME, 0.0)]
 Mass = Annotated[float, Quantity(quantities.MASS, 0.0)]

@@ -10,8 +10,6 @@ from pydantic import Field, model_validator
 
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
-    LONGEST_CLEARANCE,
-    SMALLEST_POSITIVE,
     Angle,
     Blend,
     Distance,
@@ -19,6 +17,7 @@ from dualarm_cli.files.source.fields import (
     Name,
     Quantity,
     Section,
+    SmallSize,
     ToolSpeed,
     Vector3,
     refuse,
@@ -34,9 +33,6 @@ from dualarm_cli.model.dwell import Dwell
 from dualarm_cli.model.job import PoseTarget, Stop, Task
 from dualarm_cli.model.process_work import PathWork
 
-Tolerance = Annotated[
-    float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, plain=LONGEST_CLEARANCE)
-]
 PathJerk = Annotated[float, Quantity(quantities.JERK, 1e-6)]
 Stiffness = Annotated[float, Quantity(Dimension("stiffness", {"": 1.0}, 1e3), 0.0)]
 
@@ -108,7 +104,7 @@ class PathSection(CurveSection):
         default="forbidden",
         description="Whether the speed may be reduced where the joints' limits need it.",
     )
-    tolerance: Tolerance = Field(
+    tolerance: SmallSize = Field(
         default=1e-4, description="How far the tools may leave the path [m]."
     )
     redundancy: Name | None = Field(default=None, description="Method that finds the joints.")
