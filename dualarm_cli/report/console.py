@@ -322,7 +322,9 @@ def bound_line(report: dict[str, Any]) -> str:
         line = f"proven: no {plan} of these {what} is faster than {report['lower_bound']:.3f} s"
         if _are_limited(report):
             line += "; torque limits keep it valid, as they only make plans slower"
-    if report["tool_speed_cap"] is not None or any(stage["care"] for stage in report["stages"]):
+    if report["lower_bound"] is not None and (
+        report["tool_speed_cap"] is not None or any(stage["care"] for stage in report["stages"])
+    ):
         limit = (
             "the limit of the tools' speed"
             if report["tool_speed_cap"]

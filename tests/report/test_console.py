@@ -91,12 +91,13 @@ def test_where_all_tools_stop_it_is_not_said_that_this_is_as_quick():
 
 
 def test_without_a_bound_it_is_said_that_there_is_none(job, schedule):
-    """And nothing of a grid."""
+    """And nothing of a grid, or of limits that it ignores."""
     without = dataclasses.replace(schedule, lower_bound=None, grid_gap=None)
-    (line,) = [
-        line for line in summary_lines(build_report(without, job)) if line.startswith("lower bound")
-    ]
-    assert line == "lower bound: none computed; effort: normal"
+    report = build_report(without, job)
+    for cap in (None, 0.5):
+        lines = summary_lines(report | {"tool_speed_cap": cap})
+        (line,) = [line for line in lines if line.startswith("lower bound")]
+        assert line == "lower bound: none computed; effort: normal"
 
 
 def test_the_report_lists_every_assumed_limit_and_the_console_the_most_telling(job, schedule):
