@@ -300,6 +300,9 @@ def test_a_place_is_filled_once(project: Path, change: Change, messages: Message
         ("x,why\n1,2\n", "1:3: E201 no column 'why'; allowed: id"),
         ("x,x\n1,2\n", "1:3: E102 column 'x' is given twice"),
         ("x [kg]\n1\n", "'kg' is no unit of x; write x [mm]"),
+        ("x,yaw [mm]\n0,90\n", "1:3: E200 'mm' is no unit of yaw; write yaw [deg]"),
+        ("x,id [deg]\n0,a\n", "1:3: E200 'deg' is no unit of id; write id"),
+        ("x,yaw\n0,90\n", "2:3: E200 yaw: '90' without a unit"),
         ("id\na\n", "no column gives a pose; name x, y and z"),
         ("x,y\n1\n", "2:1: E200 1 values; the first row names 2"),
         ("x,y\n1,one\n", "2:3: E200 y: 'one' is not a number"),
@@ -311,10 +314,11 @@ def test_a_place_is_filled_once(project: Path, change: Change, messages: Message
 def test_bad_lists_are_refused(
     project: Path, change: Change, messages: Messages, text: str, wanted: str
 ) -> None:
-    """With line and column of the CSV file."""
+    """With line and column of the CSV file; one mistake has one message."""
     (project / "parts.csv").write_text(text)
     change("tasks.yaml", PICK, "pick: {at: bin, each: parts.csv, xyz: [0, 0, 10 mm]}")
-    assert any(wanted in message for message in messages(lambda: load_job("tasks.yaml")))
+    (message,) = messages(lambda: load_job("tasks.yaml"))
+    assert wanted in message
 
 
 def test_overrides_reach_into_patterns(pattern: Callable[..., Job]) -> None:

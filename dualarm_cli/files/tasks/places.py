@@ -91,15 +91,18 @@ class _Reader:
         for k, cell in enumerate(row):
             name, _, rest = cell.strip().partition("[")
             name, unit = name.strip(), rest.rstrip("]").strip()
+            dimension = LENGTH if name in _LENGTHS else ANGLE
             if name not in COLUMNS:
                 message = f"no column {quote(name)}{suggest(name, list(COLUMNS))}"
                 self.note(1, row, k, message, "E201")
             elif name in dict(columns):
                 self.note(1, row, k, f"column {quote(name)} is given twice; remove one", "E102")
-            elif unit and unit not in (LENGTH if name in _LENGTHS else ANGLE).units:
-                self.note(1, row, k, f"{quote(unit)} is no unit of {name}; write {name} [mm]")
+            elif unit and (name in _TEXTS or unit not in dimension.units):
+                right = name if name in _TEXTS else f"{name} [{dimension.meant}]"
+                self.note(1, row, k, f"{quote(unit)} is no unit of {name}; write {right}")
+                unit = dimension.meant  # the rows have no error by that
             columns.append((name, unit))
-        if not any(name in (*_LENGTHS, *_ANGLES) for name, _ in columns):
+        if not self.failed and not any(name in (*_LENGTHS, *_ANGLES) for name, _ in columns):
             self.note(1, row, 0, "no column gives a pose; name x, y and z", "E202")
         return columns
 
@@ -132,4 +135,4 @@ class _Reader:
 
 def _with_unit(text: str, unit: str) -> str:
     """Append a column's unit to a number that has none."""
-    return f"{text} {unit}" if text and (text[-1].isdigit() or text[-1] == ".") else text
+    return f"{text} {unit}".rstrip() if text and (text[-1].isdigit() or text[-1] == ".") else text
