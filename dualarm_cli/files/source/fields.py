@@ -44,7 +44,7 @@ SMALLEST_POSITIVE = 1e-9
 LONGEST_CLEARANCE = 1.0
 """Longest clearance, stand-off, tolerance, grip or opening of jaws without a unit [m]."""
 LONGEST_REACH = 5.0
-"""Longest tool, link, approach or retract without a unit [m]."""
+"""Longest tool, link, line or radius of a curve without a unit [m]."""
 
 
 def refuse(message: str, key: str = "", code: str = "E200") -> PydanticCustomError:
@@ -118,10 +118,9 @@ Distance = Annotated[float, Quantity(quantities.LENGTH, 0.0)]
 Clearance = Annotated[float, Quantity(quantities.LENGTH, 0.0, plain=LONGEST_CLEARANCE)]
 StraightLine = Annotated[float, Quantity(quantities.LENGTH, 0.0, plain=LONGEST_REACH)]
 Symmetry = Annotated[int, Field(ge=1, le=360)]
-StraightPart = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, plain=LONGEST_REACH)]
-Blend = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, plain=LONGEST_REACH)]
 LinkLength = Annotated[float, Quantity(quantities.LENGTH, plain=LONGEST_REACH)]
 Size = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE)]
+WithinReach = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, plain=LONGEST_REACH)]
 SmallSize = Annotated[
     float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, plain=LONGEST_CLEARANCE)
 ]

@@ -20,7 +20,6 @@ from dualarm_cli.files.cells.schema_cell import CareSection, FreeSection, Limits
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     SMALLEST_POSITIVE,
-    Blend,
     Clearance,
     Duration,
     FramedPose,
@@ -29,10 +28,10 @@ from dualarm_cli.files.source.fields import (
     Quantity,
     Section,
     SpeedFraction,
-    StraightPart,
     Symmetry,
     VariesSection,
     Vector3,
+    WithinReach,
     quantity_schema,
     refuse,
 )
@@ -375,11 +374,11 @@ class TaskSection(CareSection, TaskHead):
         default=None,
         description="Straight retract [m], with its direction if that is not the tool's z axis.",
     )
-    straight: StraightPart | None = Field(
+    straight: WithinReach | None = Field(
         default=None,
         description="Straight length of approach and retract next to the target [m].",
     )
-    blend: Blend | None = Field(
+    blend: WithinReach | None = Field(
         default=None,
         description="Allowed deviation from the target of a `move` for passing it without stop [m]; "
         "default: that of the defaults.",
@@ -436,12 +435,12 @@ class DefaultsSection(Section):
     signals: SignalsSection | None = Field(
         default=None, description="Names of signals of tasks without their own."
     )
-    straight: StraightPart | None = Field(
+    straight: WithinReach | None = Field(
         default=None,
         description="Straight length of approach and retract next to the target [m]; default and "
         "maximum: the whole line.",
     )
-    blend: Blend | None = Field(
+    blend: WithinReach | None = Field(
         default=None,
         description="Allowed deviation from targets of moves and corners of paths for passing them without stop [m]; "
         "default: stop.",

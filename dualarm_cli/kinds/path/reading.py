@@ -11,7 +11,6 @@ from pydantic import Field, model_validator
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     Angle,
-    Blend,
     Distance,
     Length,
     Name,
@@ -20,6 +19,7 @@ from dualarm_cli.files.source.fields import (
     SmallSize,
     ToolSpeed,
     Vector3,
+    WithinReach,
     refuse,
 )
 from dualarm_cli.files.source.quantities import Dimension
@@ -89,7 +89,7 @@ class PathSection(CurveSection):
         description="Speed of the tool with the longer path [m/s]; a turn by 1 rad counts as 0.1 m at least. "
         "The tool stops at corners, without `blend`."
     )
-    blend: Blend | None = Field(
+    blend: WithinReach | None = Field(
         default=None,
         description="How far the tool may leave the corner of two straight pieces, so that it need not stop there [m]. "
         "A curve takes at most half of each piece. Not for both tools. Default: `blend` of the defaults, else stops.",

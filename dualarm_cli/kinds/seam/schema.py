@@ -18,10 +18,10 @@ from dualarm_cli.files.source.fields import (
     Pose,
     Quantity,
     Section,
-    Size,
     StraightLine,
     ToolSpeed,
     Vector3,
+    WithinReach,
     refuse,
 )
 from dualarm_cli.files.source.short_forms import ShortForm
@@ -61,21 +61,21 @@ class FeatureSection(Pose):
     """
 
     kind: CurveKind = Field(description="What it is.")
-    main_radius: Size | None = Field(
+    main_radius: WithinReach | None = Field(
         default=None,
         description="Radius of the main pipe (saddle), or of the sphere that the arc lies on [m].",
     )
-    branch_radius: Size | None = Field(
+    branch_radius: WithinReach | None = Field(
         default=None, description="Radius of the branch pipe of a saddle [m]."
     )
-    radius: Size | None = Field(default=None, description="Radius of an arc [m].")
+    radius: WithinReach | None = Field(default=None, description="Radius of an arc [m].")
     angle: Angle | None = Field(
         default=None, description="Between the pipes' axes; default 90 deg (saddle), 0 (arc) [rad]."
     )
     eccentricity: Length | None = Field(
         default=None, description="Distance between the pipes' axes [m]; default 0."
     )
-    semi_axes: Annotated[list[Size], Field(min_length=2, max_length=2)] | None = Field(
+    semi_axes: Annotated[list[WithinReach], Field(min_length=2, max_length=2)] | None = Field(
         default=None, description="Semi-axes of an ellipse in the plane z = 0, along x and y [m]."
     )
     begin: Angle | None = Field(
