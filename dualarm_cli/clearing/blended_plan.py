@@ -12,6 +12,7 @@ from dualarm_cli.clearing.stage_samples import alone_clear, stage_samples
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.motion.trajectory import SAME_TIME
+from dualarm_cli.model.motion_limits import is_slowed
 from dualarm_cli.motion.blending import Launches, passing_launches, with_launches
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.detours_in_motion import moving_detours, with_moving_detours
@@ -183,7 +184,7 @@ class _Blend:
             return max(busy, default=start)
 
         # Limits of tool speed hold for the launches as they were chosen, and at rest.
-        is_capped = clearing.job.tool_speed is not None or clearing.job.slows
+        is_capped = is_slowed(clearing.job)
         for arm in sorted(alone or cell.arms, key=done):
             retract, approach = self.launches.get((k, arm), (None, None))
             halves = () if is_capped else ((None, approach), (retract, None))
@@ -212,7 +213,10 @@ def _cleared(blend: _Blend, clearing: Clearing, timed: Callable[[Launches], _Ble
             launches = blend.without_colliding()
             if launches is blend.launches:
                 break
-            tried = timed(launches)
+            try:
+                tried = timed(launches)
+            except InfeasibleError:  # a target passed in motion needs the launches beside it
+                break
         blend = tried
     return blend
 

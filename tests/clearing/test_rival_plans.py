@@ -10,9 +10,11 @@ from dualarm_cli.clearing import blended_plan
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.repairs import Clearing
 from dualarm_cli.effort import EFFORTS
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import LINES, STOPPING
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -102,3 +104,21 @@ def test_only_the_launch_that_collides_is_left_out(problem, monkeypatch):
         passes[stage].remove(key)
         assert [set(plan.passes) for plan in found.plans] == passes
         assert of_all.duration <= found.duration < plan.cleared.duration
+
+
+def test_a_plan_whose_fewer_launches_have_no_timing_keeps_its_stops(problem, monkeypatch):
+    """Said to collide is stage 1 of every blended plan, and only the first one can be timed."""
+    timing, stopping = TIMING_SOLVERS["ruckig"], replace(problem, blending=STOPPING, effort="quick")
+    plan = quickest_clear(stopping, lambda asked: Decided(_stages(asked, "minimum_time")), timing)
+    realise, calls = blended_plan.realise, []
+
+    def realise_once(*args):
+        calls.append(args)
+        if len(calls) > 1:
+            raise InfeasibleError(Refusal("no_plan_on_grid"))
+        return realise(*args)
+
+    monkeypatch.setattr(blended_plan, "realise", realise_once)
+    monkeypatch.setattr(Clearing, "colliding_stages", lambda *_: [1])
+    found = blended_plan.blended_plan(problem, plan, timing).cleared
+    assert len(calls) > 2 and found.duration == plan.cleared.duration
