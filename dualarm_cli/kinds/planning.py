@@ -19,6 +19,7 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job, PoseTarget, Task
 from dualarm_cli.model.lying import lying_throughout
 from dualarm_cli.model.motion.trajectory import Trajectory
+from dualarm_cli.model.part_flow import TILT_SPARE
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.schedule import DURATION
 from dualarm_cli.model.settings import PlanSettings
@@ -38,8 +39,6 @@ Section = tuple[Task, ...]
 """Tasks planned together: a path, a seam, or all tasks between two of these."""
 ToolPoses = Mapping[str, PoseTarget]
 """Poses of tools at rest, by arm; unknown poses are missing."""
-LEAN_SPARE = 0.0087
-"""Angle below the limit of tilt that motion within tolerances needs [rad]."""
 
 
 def tilt_faults(
@@ -71,7 +70,7 @@ def tilt_faults(
             )
         else:
             angle = float(arccos(np.clip(product(up, up[0]), -1.0, 1.0)).max())
-            most = limit - LEAN_SPARE
+            most = limit - TILT_SPARE
             if angle <= most:
                 continue
             about |= {"value": angle, "allowed": most}

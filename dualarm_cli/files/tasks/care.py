@@ -17,7 +17,7 @@ from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE
 from dualarm_cli.geometry.elementary import arctan2
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import PoseTarget, Task
-from dualarm_cli.model.part_flow import NO_CARE, Care, kind_of_part, part_as_held
+from dualarm_cli.model.part_flow import NO_CARE, TILT_SPARE, Care, kind_of_part, part_as_held
 
 if TYPE_CHECKING:
     from dualarm_cli.files.source.yaml_source import Loc
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 KEYS = tuple(CareSection.model_fields)
 """Keys of care, in files and as fields of `Care`."""
-SPARE = 0.0087
-"""Angle below the limit at targets that motions next to them need [rad]."""
 VERTICAL = 1e-6
 """Largest sine of the angle between a vertical axis and the vertical."""
 
@@ -138,7 +136,7 @@ def _tilted(task: Task, tilt: float) -> Iterator[str]:
         assert isinstance(stop.target, PoseTarget)  # others are noted above
         up = product(stop.target.pose.rotation, np.array(task.upright))
         angle = float(np.degrees(arctan2(norm(up[:2]), up[2])))
-        if angle > (most := float(np.degrees(tilt - SPARE))):
+        if angle > (most := float(np.degrees(tilt - TILT_SPARE))):
             yield (
                 f"at the {stop.action} the part leans {angle:.1f} deg from its attitude at the pick, and at a target "
                 f"{most:.1f} deg are allowed; turn the target, or raise tilt"
