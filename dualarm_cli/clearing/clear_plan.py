@@ -55,7 +55,7 @@ def quickest_clear(
 ) -> ClearedPlan:
     """Plan a job without collisions, blended where the problem allows it.
 
-    Where care or a tool speed limit slows the motion, two searches compete, without and with these limits: what is
+    Where care or a tool speed limit slows the motion, two searches may compete, without and with these limits: what is
     estimated best need not be best when blended.
 
     For blending, the method keeps joints away from their position limits: tools need that room to pass the outer ends
@@ -72,12 +72,7 @@ def quickest_clear(
         InfeasibleError: no posture reaches a target, or every plan collides.
     """
     once = partial(_quickest_clear, check_collisions=check_collisions, alone=alone)
-    if not is_slowed(problem.job):
-        return once(problem, solve, timing)
-    # Most jobs do without this import, which is deep.
-    from dualarm_cli.stages.sequence import solve_sequence
-
-    if solve is not solve_sequence:
+    if not (problem.compares_care and problem.job.tasks and is_slowed(problem.job)):
         return once(problem, solve, timing)
     plans: list[ClearedPlan] = []
     failure: InfeasibleError | None = None

@@ -22,7 +22,13 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.registry import Solver
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.methods import METHODS
-from dualarm_cli.stages.serving import NUMERIC, cell_model, served_settings, why_redundancy_unserved
+from dualarm_cli.stages.serving import (
+    NUMERIC,
+    SEQUENCE,
+    cell_model,
+    served_settings,
+    why_redundancy_unserved,
+)
 from dualarm_cli.timing import TIMING_SOLVERS, TimingSolver
 
 Route = Literal["sections", "paired", "own clocks"]
@@ -83,6 +89,7 @@ class PlannedJob:
             settings.seed,
             blending=self.blending,
             limits_torques=self.limits_torques,
+            compares_care=settings.platform == SEQUENCE,
         )
 
     @property

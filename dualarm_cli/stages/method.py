@@ -55,6 +55,8 @@ class MethodProblem:
     """Rule for passing targets and line ends in motion."""
     limits_torques: bool = False
     """Flag of plans that have to stay within the joints' torques."""
+    compares_care: bool = False
+    """Whether the method can search with care, so that searches without and with it compete."""
     is_careful: bool = False
     """Whether the search over the whole sequence includes care and the tool speed limit."""
     repair_touching_stops: bool = True

@@ -182,8 +182,10 @@ class FreePlanner:
         )
         motion, plan = self._still(model, work), None
         if tasks:
+            # Plans that are blended as both arms' waits allow come from one search.
+            compares = problem.compares_care and not problem.blends
             plan = quickest_clear(
-                replace(problem, blending=STOPPING),
+                replace(problem, blending=STOPPING, compares_care=compares),
                 with_room(problem, self.solve) if problem.blends else self.solve,
                 self.timing,
                 check_collisions=self.check_collisions,
