@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field
 from functools import cached_property
 
@@ -192,11 +193,9 @@ class TransferTable:
             without: coordinates to exclude.
         """
         if without not in self._laws:
-            kept = [[c for c in group.columns if c not in without] for group in self.classes]
-            tables = np.stack([group.time for group in self.classes])
-            columns = np.array([c for group in kept for c in group], dtype=np.int32)
-            ends = np.cumsum([len(group) for group in kept], dtype=np.int32)
-            self._laws[without] = Laws.of(tables, columns, ends)
+            times = np.stack([group.time for group in self.classes])
+            groups = [group.columns for group in self.classes]
+            self._laws[without] = _laws_without(times, groups, without)
         return self._laws[without]
 
     def line_laws(self, without: tuple[int, ...]) -> Laws:
@@ -209,20 +208,30 @@ class TransferTable:
             without: coordinates to exclude.
         """
         if without not in self._line_laws:
-            times, columns, ends = self.laws(without).held
+            times = np.stack([group.time for group in self.classes])
+            groups: list[Sequence[int]] = [group.columns for group in self.classes]
             if self.chains is not None:
-                number = self.chains.number
                 times = np.repeat(self.chains.times[:, REST_TO_ANY], STEPS_PER_ENTRY, axis=1)
                 times = times[:, : STEPS + 1]
-                kept = [
-                    np.setdiff1d(np.flatnonzero(number == k), without) for k in range(len(times))
-                ]
-                columns = np.concatenate(kept).astype(np.int32)
-                ends = np.cumsum([len(group) for group in kept], dtype=np.int32)
+                numbers = range(len(times))
+                groups = [np.flatnonzero(self.chains.number == k).tolist() for k in numbers]
             shorter = np.float32(self.step) * np.arange(STEPS, -1, -1, dtype=np.float32)
             least = np.ascontiguousarray(np.minimum(times, times[:, -1:] - shorter))
-            self._line_laws[without] = Laws.of(least, columns, ends)
+            self._line_laws[without] = _laws_without(least, groups, without)
         return self._line_laws[without]
+
+
+def _laws_without(times: Times, groups: Sequence[Sequence[int]], without: tuple[int, ...]) -> Laws:
+    """Give tables of times their columns, except for some.
+
+    Args:
+        times: a table for each group [s], shape (groups, STEPS + 1).
+        groups: columns of each table.
+        without: coordinates to exclude.
+    """
+    kept = [[c for c in group if c not in without] for group in groups]
+    columns = np.array([c for group in kept for c in group], dtype=np.int32)
+    return Laws.of(times, columns, np.cumsum([len(group) for group in kept], dtype=np.int32))
 
 
 def _chain_laws(laws: list[RestToRest], step: float) -> ChainLaws | None:

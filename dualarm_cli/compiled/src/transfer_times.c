@@ -201,8 +201,8 @@ static void compute_line_times(const Laws *laws, const LineEnds *approach, int64
 
 /* Minimise both lines + remaining over the retract cells in the group of each approach cell.
 
-   retracting: see `compute_line_times`. remaining: of each retract cell, (retract->cells.count,). least: infinite for groups without retract cells,
-   (approach->cells.count,). Blocks of a group are searched in order of the bounds from their lines and remaining times.
+   retracting: see `compute_line_times`. remaining: of each retract cell, (retract->cells.count,). least: infinite for
+   groups without retract cells, (approach->cells.count,). Blocks of a group are searched in order of the bounds from their lines and remaining times.
    Returns 0, or 1 if out of memory. */
 int least_work(const Laws *laws, const LineEnds *approach, const LineEnds *retract, int64_t groups,
                const float *retracting, const float *remaining, float *least)

@@ -201,9 +201,7 @@ class _LinearisedPlan:
         """
         problem, work, best = self.problem, self.problem.arms[a], self.best.arms[a]
         k, before = chain.active, chain.previous[chain.active]
-        q_from = np.where(
-            before[:, None] >= 0, best.q_retract[before], start_joints(problem, work, chain, best)
-        )
+        q_from = self._left(a, chain)
         law = work.law if work.slowing is None else work.slowing.joint_law(k, work.joints)
         timed = timed_slopes(law, best.q_approach[k] - q_from)
         if problem.launches is None:
@@ -217,14 +215,16 @@ class _LinearisedPlan:
         Times [s] have shape (m,), 0 where no tool slows, slopes [s/rad] of the arm's joints and of the platform
         (m, joints + 1).
         """
-        problem, work, best = self.problem, self.problem.arms[a], self.best.arms[a]
-        k, before, angle = chain.active, chain.previous[chain.active], self.best.decisions.angle
-        q_from = np.where(
-            before[:, None] >= 0, best.q_retract[before], start_joints(problem, work, chain, best)
-        )
+        problem, k, angle = self.problem, chain.active, self.best.decisions.angle
         turned = np.concatenate([[start_angle(problem, angle)], angle[:-1]])[k]
-        ends = (q_from, turned), (best.q_approach[k], angle[k])
-        return tool_slopes(problem, work, k, *ends)
+        ends = (self._left(a, chain), turned), (self.best.arms[a].q_approach[k], angle[k])
+        return tool_slopes(problem, problem.arms[a], k, *ends)
+
+    def _left(self, a: int, chain: TransferChain) -> FloatArray:
+        """Select the joints from which an arm's transfers start [rad], shape (m, joints)."""
+        best, before = self.best.arms[a], chain.previous[chain.active]
+        start = start_joints(self.problem, self.problem.arms[a], chain, best)
+        return np.where(before[:, None] >= 0, best.q_retract[before], start)
 
     def _platform_move(
         self, law: RestToRest, k: IntArray
