@@ -215,7 +215,7 @@ def _cleared(blend: _Blend, clearing: Clearing, timed: Callable[[Launches], _Ble
                 break
             try:
                 tried = timed(launches)
-            except InfeasibleError:  # a target passed in motion needs the launches beside it
+            except InfeasibleError:  # a passed target cannot wait
                 break
         blend = tried
     return blend

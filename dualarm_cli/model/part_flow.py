@@ -248,7 +248,7 @@ class Care:
 NO_CARE = Care()
 """No limits beyond those of the job."""
 TILT_SPARE = 0.0087
-"""Angle below the limit of tilt at targets and along paths that motion next to them needs [rad]."""
+"""Margin below limits of tilt at targets and along paths, for motions near them [rad]."""
 
 
 def part_as_held(part: str, how: str) -> str:
