@@ -42,28 +42,31 @@ ToolPoses = Mapping[str, PoseTarget]
 
 
 def tilt_faults(
-    job: Job, section: Section, along: Callable[[Job, Section, float], ToolPoses], place: Place
+    job: Job, kind: str, along: Callable[[Job, Section, float], ToolPoses]
 ) -> Iterator[Diagnostic]:
-    """Find tools that lean more than their task allows on a path or seam.
+    """Find tools that lean more than their task allows on paths or seams.
 
     Args:
         job: as read from its file.
-        section: tasks of the path or seam.
-        along: poses of tools at a fraction of it.
-        place: its place in the file.
+        kind: path or seam.
+        along: poses of tools at a fraction of one.
     """
+    for section in job.sections():
+        if (work := getattr(section[0], kind)) is not None:
+            yield from _leaning(job, section, along, work.place)
+
+
+def _leaning(
+    job: Job, section: Section, along: Callable[[Job, Section, float], ToolPoses], place: Place
+) -> Iterator[Diagnostic]:
     limits = {task.arm: task.care.tilt for task in section if task.care.tilt < np.inf}
-    if not limits:
-        return
     shares = np.linspace(0.0, 1.0, 257)  # a tool of a path turns smoothly between its points
-    poses = [along(job, section, share) for share in shares.tolist()]
+    poses = [along(job, section, share) for share in shares.tolist() if limits]
     for arm, limit in limits.items():
         targets = [target for each in poses if (target := each.get(arm)) is not None]
-        R = np.array([target.pose.rotation for target in targets])
-        up = R[:, 2] if len(R) else R
-        spins = bool(targets) and targets[0].free_yaw and norm(up[:, :2], axis=1).max() > 1e-6
+        up = np.array([target.pose.rotation[2] for target in targets])
         about: dict[str, Any] = {"task": section[0].id}
-        if spins or not targets:
+        if not targets or (targets[0].free_yaw and norm(up[:, :2], axis=1).max() > 1e-6):
             message = (
                 f"tilt: the attitude of the {arm} tool is left open here, so that nothing says how far it leans; fix "
                 "its turns and the pose of the part, or remove tilt"

@@ -122,9 +122,7 @@ def check_paths(job: Job) -> list[Diagnostic]:
             )
             about = {"task": task.id, "value": least, "allowed": TRIALS.longest}
             findings.append(Diagnostic(*place.order, "E300", message, about=about))
-    for section in job.sections():
-        if (work := section[0].path) is not None:
-            findings += tilt_faults(job, section, path_poses, work.place)
+    findings += tilt_faults(job, "path", path_poses)
     return list(dict.fromkeys(findings))
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.errors import Diagnostic, InfeasibleError
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import (
     KindPlanning,
@@ -168,21 +168,12 @@ def least_time(job: Job, section: Section) -> float:
     return seam_bound(work, job.under(section[0].care).speed)
 
 
-def _faults(job: Job) -> list[Diagnostic]:
-    """Find faults of seams, and tools that lean more than their task allows."""
-    findings = seam_faults(job)
-    for section in job.sections():
-        if (work := section[0].seam) is not None:
-            findings += tilt_faults(job, section, seam_poses, work.place)
-    return findings
-
-
 PLANNING = KindPlanning(
     works=lambda task: task.seam is not None,
     solvers=SEAM_SOLVERS,
     setting="seam_solver",
     does="works seams",
-    check=_faults,
+    check=lambda job: [*seam_faults(job), *tilt_faults(job, "seam", seam_poses)],
     notes=lambda job, settings, motion: [SEAMS_KEPT],
     add=add_seam_section,
     opens=seam_opens,
