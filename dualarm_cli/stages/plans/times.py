@@ -180,39 +180,17 @@ def rest_times(
     """
     if work.slowing is None:
         return work.law.duration(goal[0] - start[0])
-    places = _places(problem, work.slowing, start, goal)
+    places = places_on_transfers(problem, work.slowing, start, goal)
     return work.slowing.transfer_times(stage, places)[0]
 
 
-def tool_slopes(
-    problem: SequenceProblem,
-    work: ArmWork,
-    stage: IntArray,
-    start: tuple[FloatArray, FloatArray],
-    goal: tuple[FloatArray, FloatArray],
-) -> tuple[FloatArray, FloatArray]:
-    """Time transfers whose tool is at its speed limit, see `rest_times`, with slopes by joints.
-
-    Returns:
-        Times [s], shape (r,), 0 where no tool slows, and slopes by the displacements of the arm's joints and of the
-        platform [s/rad], shape (r, joints + 1).
-    """
-    assert work.slowing is not None  # only then
-    places = _places(problem, work.slowing, start, goal)
-    time, factor = work.slowing.transfer_times(stage, places)
-    slope = np.zeros((len(stage), work.joints + 1))
-    of_joints = work.slowing.slopes(stage, places)
-    slope[:, : of_joints.shape[1]] = of_joints
-    return np.where(factor < 1.0, time, 0.0), slope
-
-
-def _places(
+def places_on_transfers(
     problem: SequenceProblem,
     slowing: Slowing,
     start: tuple[FloatArray, FloatArray],
     goal: tuple[FloatArray, FloatArray],
 ) -> list[Places]:
-    """Compute the tool's places at the start, in the middle and at the goal of transfers."""
+    """Compute the tool's places at start, middle and goal of transfers, see `rest_times`."""
     middle = tuple(0.5 * (here + there) for here, there in zip(start, goal, strict=True))
     return [
         slowing.places(problem.platform, q, platform_positions(problem, np.asarray(angle)))

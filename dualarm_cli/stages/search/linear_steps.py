@@ -18,9 +18,9 @@ from dualarm_cli.stages.plans.times import (
     Evaluated,
     TransferChain,
     left_with,
+    places_on_transfers,
     start_angle,
     start_joints,
-    tool_slopes,
 )
 from dualarm_cli.stages.search.variables import Slopes, Variables, slopes
 
@@ -216,9 +216,16 @@ class _LinearisedPlan:
         (m, joints + 1).
         """
         problem, k, angle = self.problem, chain.active, self.best.decisions.angle
+        slowing = problem.arms[a].slowing
+        assert slowing is not None  # callers have looked
         turned = np.concatenate([[start_angle(problem, angle)], angle[:-1]])[k]
         ends = (self._left(a, chain), turned), (self.best.arms[a].q_approach[k], angle[k])
-        return tool_slopes(problem, problem.arms[a], k, *ends)
+        places = places_on_transfers(problem, slowing, *ends)
+        time, factor = slowing.transfer_times(k, places)
+        slope = np.zeros((len(k), problem.arms[a].joints + 1))
+        of_joints = slowing.slopes(k, places)
+        slope[:, : of_joints.shape[1]] = of_joints
+        return np.where(factor < 1.0, time, 0.0), slope
 
     def _left(self, a: int, chain: TransferChain) -> FloatArray:
         """Select the joints from which an arm's transfers start [rad], shape (m, joints)."""
