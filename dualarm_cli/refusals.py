@@ -428,8 +428,8 @@ REMEDIES: Mapping[str, str] = {
     "check_unit": "check the units (a plain number is m)",
     "allow_contact": "list the two in `allowed_contacts` if they may touch",
     "move_work": "move the work or the base of the robot",
-    "longer_approach": "make `approach` longer",
-    "longer_retract": "make `retract` longer",
+    "longer_approach": "make `approach` longer or give it another `direction`",
+    "longer_retract": "make `retract` longer or give it another `direction`",
     "longer_straight": "make `straight` longer",
     "own_clearance": "give the two a clearance of their own (`clearances`)",
 }
