@@ -210,6 +210,7 @@ def test_a_part_without_grasps_keeps_the_pose_of_the_tool(block: Path, change: C
         ("cell.yaml", ("approach: 50 mm", "approach: -1 mm"), "cell.yaml:16:79: E200 '-1 mm': length must be at least 0"),
         ("cell.yaml", ("approach: 50 mm", "in: bin"), "cell.yaml:16:69: E201 unknown key 'in'; allowed: xyz, rpy, quat, free, symmetry, approach, retract, width"),
         ("cell.yaml", ("mass: 800 g", "opening: [60 mm, 0]"), "cell.yaml:4:38: E200 [60 mm, 0 mm]: give the least distance first, then the greatest"),
+        ("cell.yaml", ("symmetry: 2", "free: {tilt: 9 deg}", "side:", "top/tilt +x:"), "cell.yaml:17:7: E300 'top/tilt +x' is a turn, tilt or area of another grasp as well; rename one of them"),
         ("cell.yaml", ("mass: 800 g", "opening: [0, 40]"), "cell.yaml:4:51: E200 40 without a unit is m, and more than 1 m; did you mean '40 mm'?"),
     ],
 )  # fmt: skip
@@ -218,7 +219,7 @@ def test_every_mistake_is_told_at_its_place(
     change: Change,
     messages: Messages,
     file: str,
-    changes: tuple[str, str],
+    changes: tuple[str, ...],
     expected: str,
 ) -> None:
     """One mistake, one message."""

@@ -49,6 +49,9 @@ def read_grasps(
             line, where = getattr(section, key), ("parts", name, "grasps", stated, key)
             lines.append(line and read_line(document, where, line, outward, frames, findings))
         for grasp in repeated(stated, section, part.symmetry or 1):
+            if grasp.name in grasps:
+                message = f"{quote(grasp.name)} is a turn, tilt or area of another grasp as well; rename one of them"
+                findings.add(document, ("parts", name, "grasps", stated), message, key=True)
             grasps[grasp.name] = replace(
                 grasp, approach=lines[0], retract=lines[1], width=section.width or 0.0
             )
