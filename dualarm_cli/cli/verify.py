@@ -43,11 +43,14 @@ def refuse_logged(path: Path) -> None:
     Raises:
         UsageError: with what to do.
     """
-    logged = path.suffix.lower() in (".csv", ".yaml", ".yml")
-    if path.suffix.lower() == ".json" and path.is_file():
+    suffix, start = path.suffix.lower(), b""
+    if path.is_file():
         with path.open("rb") as file:
-            logged = b'"joint_names"' in file.read(4096)
-    if logged:
+            start = file.read(4096)
+    is_yaml = suffix in (".yaml", ".yml")
+    if is_yaml and b"dualarm:" in start:
+        raise UsageError(f"{path} is an input file, not a schedule; plan it, and name the plan")
+    if suffix == ".csv" or is_yaml or (suffix == ".json" and b'"joint_names"' in start):
         raise UsageError(f"{path} is a motion, not a schedule; name its plan: --plan PLAN")
 
 

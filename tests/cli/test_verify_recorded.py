@@ -60,6 +60,12 @@ def test_a_late_joint_that_is_off_fails_and_is_named(planned, tmp_path, capsys):
     assert run([*command, *wide, "-q"]) == 0
 
 
+def test_an_input_file_is_no_motion(tasks_folder, capsys):
+    """A task file in place of its plan."""
+    assert run(["verify", str(tasks_folder / "01_first_pick" / "tasks.yaml")]) == 2
+    assert "is an input file, not a schedule; plan it" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "quintic"])
 def test_an_exported_trajectory_that_comes_back_passes(planned, tmp_path, interpolation):
     """Of both arms; of one where the joints that are not in it are to count as planned, and not otherwise."""
