@@ -10,6 +10,7 @@ of the next round. If clearance still costs much, plans of simpler methods and o
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import field, replace
 from functools import cached_property, partial
 from operator import attrgetter
@@ -34,11 +35,12 @@ from dualarm_cli.effort import ClearanceSettings, less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.motion_limits import is_slowed
+from dualarm_cli.model.part_flow import NO_CARE
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import MotionCache
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.postures.stage_plan import same_postures
+from dualarm_cli.postures.stage_plan import StagePlan, same_postures
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.plans.clearance import NoGood
@@ -55,8 +57,8 @@ def quickest_clear(
 ) -> ClearedPlan:
     """Plan a job without collisions, blended where the problem allows it.
 
-    Where care or a tool speed limit slows the motion, two searches may compete, without and with these limits: what is
-    estimated best need not be best when blended.
+    Where care or a tool speed limit costs more than a few percent, two searches may compete, without and with these
+    limits: what is estimated best need not be best when blended.
 
     For blending, the method keeps joints away from their position limits: tools need that room to pass the outer ends
     of lines in motion. If blending gains little, postures that are chosen for stops compete.
@@ -74,17 +76,27 @@ def quickest_clear(
     once = partial(_quickest_clear, check_collisions=check_collisions, alone=alone)
     if not (problem.compares_care and problem.job.tasks and is_slowed(problem.job)):
         return once(problem, solve, timing)
-    plans: list[ClearedPlan] = []
-    failure: InfeasibleError | None = None
-    for is_careful in (False, True):
-        try:
-            plans.append(once(replace(problem, is_careful=is_careful), solve, timing))
-        except InfeasibleError as error:
-            failure = failure or error
-    if not plans:
-        assert failure is not None  # nothing else leaves none
-        raise failure
+    try:
+        plan = once(problem, solve, timing)
+    except InfeasibleError:
+        return once(replace(problem, is_careful=True), solve, timing)
+    if _cost_of_care(problem, plan.cleared.plans, timing) < problem.settings.clearing.cost_of_care:
+        return plan
+    plans = [plan]
+    with suppress(InfeasibleError):
+        plans.append(once(replace(problem, is_careful=True), solve, timing))
     return min(plans, key=attrgetter("cleared.duration"))
+
+
+def _cost_of_care(problem: MethodProblem, plans: list[StagePlan], timing: TimingSolver) -> float:
+    """Compute how much longer stages take, with stops, than without care and tool speed limit [fraction]."""
+    job = problem.job
+    tasks = (replace(task, care=NO_CARE, holding=NO_CARE) for task in job.tasks)
+    free = replace(job, tasks=tuple(tasks), tool_speed=None)
+    slow, quick = (
+        realise(problem.model, own, plans, timing).trajectory.duration for own in (job, free)
+    )
+    return slow / quick - 1.0
 
 
 def _quickest_clear(
