@@ -94,7 +94,7 @@ def _cost_of_care(problem: MethodProblem, plans: list[StagePlan], timing: Timing
     tasks = (replace(task, care=NO_CARE, holding=NO_CARE) for task in job.tasks)
     free = replace(job, tasks=tuple(tasks), tool_speed=None)
     slow, quick = (
-        realise(problem.model, own, plans, timing).trajectory.duration for own in (job, free)
+        realise(problem.model, timed, plans, timing).trajectory.duration for timed in (job, free)
     )
     return slow / quick - 1.0
 

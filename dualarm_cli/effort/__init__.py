@@ -250,7 +250,7 @@ class ClearanceSettings:
     It is a fraction of the blended
     plan's duration."""
     cost_of_care: float = 0.02
-    """Cost of care and tool speed limit above which a search that knows them competes [fraction]."""
+    """Cost of care and tool speed limit above which a search with them competes [fraction]."""
     repairs: int = 4
     """Repairs of a stage: one arm after the other, then both."""
     crowded_stages: float = 0.02
