@@ -55,9 +55,11 @@ def folder(tmp_path: Path, tasks_folder: Path, monkeypatch: pytest.MonkeyPatch) 
 class _OneAfterTheOther:
     """Evaluates in this process: what a crew's processes come to, without waiting until they have loaded."""
 
-    def __init__(self, _processes: int, timeout: float | None = None) -> None:
+    def __init__(
+        self, _processes: int, timeout: float | None = None, until: float | None = None
+    ) -> None:
         """Takes what a crew takes."""
-        assert timeout is None
+        assert timeout is until is None
 
     def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
         """Yields answers in the order of the requests."""

@@ -113,7 +113,7 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
 ):
     """The left arm works in two stages, the right one from the third on; only while it stands is that said of it."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
-    stop, task = SimpleNamespace(place="here"), SimpleNamespace(id="a")
+    stop, task = SimpleNamespace(place=None), SimpleNamespace(id="a")
     work = SimpleNamespace(arm="left", stop=stop, task=task)
     plans = [SimpleNamespace(stops={arm: work}) for arm in ("left", "left", "right", "left")]
     cell = SimpleNamespace(
