@@ -96,7 +96,7 @@ def _cost_of_care(problem: MethodProblem, plans: list[StagePlan], timing: Timing
     slow, quick = (
         realise(problem.model, timed, plans, timing).trajectory.duration for timed in (job, free)
     )
-    return slow / quick - 1.0
+    return slow / max(quick, 1e-9) - 1.0  # a plan may have no length
 
 
 def _quickest_clear(
