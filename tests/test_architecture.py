@@ -350,7 +350,7 @@ FREE = {
 """Folders whose numbers decide nothing about a plan."""
 OWNERS = {
     "kinds/seam/closed_chain/program.py": "products of scipy's sparse matrices, which are loops",
-    "model/study.py": "powers of ten of figures that are shown",
+    "model/studies/study.py": "powers of ten of figures that are shown",
     "robot_import/importing.py": "powers of ten of figures that are shown",
     "compiled/decimals.py": "powers of ten, which are exact",
     "verification/recorded_motion.py": "a fit of logged samples, which decides nothing about a plan",

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.robot import Robot
-    from dualarm_cli.model.study import Study
+    from dualarm_cli.model.studies.study import Study
     from dualarm_cli.model.touches import Touches
 
     Loaded = Robot | Cell | Job | Touches | Base | Study
@@ -126,7 +126,7 @@ def _describe(loaded: Loaded) -> tuple[str, str]:
     from dualarm_cli.files.calibration.points import Base
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
-    from dualarm_cli.model.study import Study
+    from dualarm_cli.model.studies.study import Study
     from dualarm_cli.model.touches import Touches
     from dualarm_cli.orders.model.tool_changes import with_changes
 

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from dualarm_cli.evaluation.answers import Run
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.evaluation.store import Store
-    from dualarm_cli.model.evaluation import Evaluation
+    from dualarm_cli.model.studies.evaluation import Evaluation
     from dualarm_cli.scoring.baseline import Baseline
     from dualarm_cli.scoring.verdict import Verdict
 

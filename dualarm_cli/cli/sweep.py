@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from dualarm_cli.evaluation.answers import Run
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.evaluation.store import Store
-    from dualarm_cli.model.study import Point, Study
+    from dualarm_cli.model.studies.study import Point, Study
     from dualarm_cli.studies.rows import StudyRow
     from dualarm_cli.studies.search import Desk, Progress
 

@@ -10,7 +10,7 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.evaluation.fingerprint import path_of
 from dualarm_cli.evaluation.request import Request, case_name
 from dualarm_cli.evaluation.store import Store
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.studies.evaluation import Evaluation
 from dualarm_cli.records import dataclass
 
 Run = Callable[[Sequence[Request]], Iterator[tuple[int, Evaluation]]]

@@ -14,7 +14,7 @@ from dualarm_cli.errors import MissingDependencyError, UsageError
 from dualarm_cli.evaluation.crew import Crew
 from dualarm_cli.evaluation.fingerprint import GONE, digest, hashes_now, programs
 from dualarm_cli.evaluation.request import Request
-from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
 from dualarm_cli.records import dataclass
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.evaluation.request import Request
-from dualarm_cli.model.evaluation import Evaluation, Finding, Status
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding, Status
 from dualarm_cli.records import dataclass
 from dualarm_cli.system import memory_file
 

@@ -16,10 +16,10 @@ from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.files.source.text_source import recorded_reads
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import Plan, planned
-from dualarm_cli.model.evaluation import Evaluation, Finding
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
 from dualarm_cli.page.packed import packed_document
 from dualarm_cli.page.page_data import page_data
 from dualarm_cli.planning.redundancy_choice import with_redundancy

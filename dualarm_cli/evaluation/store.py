@@ -30,7 +30,7 @@ from dualarm_cli.evaluation.fingerprint import (
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.exporting.whole_files import place_in, write_new
 from dualarm_cli.files.source.text_source import read_bytes
-from dualarm_cli.model.evaluation import REPEATABLE, Evaluation
+from dualarm_cli.model.studies.evaluation import REPEATABLE, Evaluation
 
 FORMAT = "dualarm.cache/1"
 DEFAULT_FOLDER = ".dualarm-cache"

@@ -15,7 +15,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import Robot
-from dualarm_cli.model.study import Study
+from dualarm_cli.model.studies.study import Study
 from dualarm_cli.model.touches import Touches
 
 

@@ -18,7 +18,7 @@ from dualarm_cli.files.source.value_paths import PathError, from_pointer, to_poi
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.studies.studies import job_documents
 from dualarm_cli.model.robot import Robot
-from dualarm_cli.model.study import Amount
+from dualarm_cli.model.studies.study import Amount
 from dualarm_cli.records import dataclass
 
 LeverKind = Literal["process", "search", "layout", "robot"]

@@ -14,9 +14,9 @@ from dualarm_cli.evaluation.request import Request
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.levers.changes import START, Lever
 from dualarm_cli.levers.estimates import Estimate
-from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.studies.evaluation import Evaluation
 from dualarm_cli.records import dataclass
 
 

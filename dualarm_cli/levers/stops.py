@@ -20,7 +20,7 @@ from dualarm_cli.levers.estimates import Estimate, lengths_under
 from dualarm_cli.levers.kept_plan import KeptPlan
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.study import Amount, Span
+from dualarm_cli.model.studies.study import Amount, Span
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.critical_path import retimed
 

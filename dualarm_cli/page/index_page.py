@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from dualarm_cli.model.study import OBJECTIVES, Objective
+from dualarm_cli.model.studies.study import OBJECTIVES, Objective
 from dualarm_cli.page.tables import STYLE, PageCell, PageRow, PageTable, table_html, text_html
 from dualarm_cli.report.comparison.study_table import (
     STATUS_WORDS,

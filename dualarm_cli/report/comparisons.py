@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Annotated, TypedDict
 
-from dualarm_cli.model.evaluation import Status
-from dualarm_cli.model.study import Apply, Sense
+from dualarm_cli.model.studies.evaluation import Status
+from dualarm_cli.model.studies.study import Apply, Sense
 from dualarm_cli.report.document import ArmName, JointName, Name, ReportPath, ReportSeam
 
 GroupName = Annotated[str, "group"]

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 from dualarm_cli.errors import Diagnostic, InputError, UsageError
 from dualarm_cli.evaluation.request import case_name
 from dualarm_cli.files.source.text_source import MAX_FILE_BYTES, quote, read_bytes
-from dualarm_cli.model.evaluation import Evaluation, is_number
+from dualarm_cli.model.studies.evaluation import Evaluation, is_number
 from dualarm_cli.records import dataclass
 
 FORMAT = "dualarm.scores/1"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from dualarm_cli.files.source.text_source import quote
-from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
 from dualarm_cli.records import dataclass
 from dualarm_cli.scoring.baseline import Recorded
 from dualarm_cli.scoring.verdict import STATES, State, Verdict

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 
-from dualarm_cli.model.evaluation import Finding
+from dualarm_cli.model.studies.evaluation import Finding
 from dualarm_cli.report.printable import printable
 from dualarm_cli.scoring.messages import (
     advice,

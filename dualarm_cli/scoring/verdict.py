@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
-from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
 from dualarm_cli.records import dataclass
 from dualarm_cli.scoring.baseline import Recorded
 

@@ -27,8 +27,8 @@ from numpy.typing import ArrayLike
 from dualarm_cli import __version__
 from dualarm_cli.files.source.diagnostics import MAX_SHOWN
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.evaluation import Evaluation, Status
-from dualarm_cli.model.study import Amount, Objective, Parameter, Study
+from dualarm_cli.model.studies.evaluation import Evaluation, Status
+from dualarm_cli.model.studies.study import Amount, Objective, Parameter, Study
 from dualarm_cli.notes import Note, NoteTable
 from dualarm_cli.records import dataclass
 from dualarm_cli.report import comparisons as members

@@ -24,9 +24,9 @@ from dualarm_cli.evaluation.request import Request
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import Effort, check_count, check_effort, check_seed
+from dualarm_cli.model.studies.evaluation import Evaluation
 from dualarm_cli.report import comparisons as members
 from dualarm_cli.studies.document import failure_groups
 from dualarm_cli.studies.rows import StudyRow

@@ -12,7 +12,7 @@ from dualarm_cli.files.source.overrides import Override
 from dualarm_cli.files.source.quantities import QuantityError
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.study import Amount, Level, Parameter, Point, Study, Target
+from dualarm_cli.model.studies.study import Amount, Level, Parameter, Point, Study, Target
 
 
 def check_settings(study: Study) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.model.evaluation import STATUSES, Evaluation, Status
-from dualarm_cli.model.study import OBJECTIVES, Objective, Point
+from dualarm_cli.model.studies.evaluation import STATUSES, Evaluation, Status
+from dualarm_cli.model.studies.study import OBJECTIVES, Objective, Point
 from dualarm_cli.records import dataclass
 
 _BLOCK = 256

@@ -20,8 +20,8 @@ from dualarm_cli.evaluation.answers import Run, answers
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.evaluation import Evaluation
-from dualarm_cli.model.study import Amount, Parameter, Point, Sampling, Study
+from dualarm_cli.model.studies.evaluation import Evaluation
+from dualarm_cli.model.studies.study import Amount, Parameter, Point, Sampling, Study
 from dualarm_cli.records import dataclass
 from dualarm_cli.studies.requests import point_requests, reference_requests
 from dualarm_cli.studies.rows import StudyRow

@@ -17,7 +17,7 @@ from dualarm_cli.evaluation import crew
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.model.settings import check_count, check_seed
-from dualarm_cli.model.study import Point, Study
+from dualarm_cli.model.studies.study import Point, Study
 from dualarm_cli.report.comparisons import StudyReport
 from dualarm_cli.studies import search
 from dualarm_cli.studies.document import study_document

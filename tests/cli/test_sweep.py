@@ -24,7 +24,7 @@ from dualarm_cli.cli.sweep import exit_code
 from dualarm_cli.evaluation import crew
 from dualarm_cli.evaluation.evaluate import evaluate
 from dualarm_cli.evaluation.request import Request
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.studies.evaluation import Evaluation
 from dualarm_cli.studies import search
 
 STUDY = """\

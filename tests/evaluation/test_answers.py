@@ -10,7 +10,7 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.evaluation.answers import answers
 from dualarm_cli.evaluation.fingerprint import hashes_now
 from dualarm_cli.evaluation.store import Store
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.studies.evaluation import Evaluation
 
 ROBOT = "../../robots/planar/robot.yaml"
 

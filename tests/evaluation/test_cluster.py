@@ -19,7 +19,7 @@ from dualarm_cli.errors import UsageError
 from dualarm_cli.evaluation import cluster as module
 from dualarm_cli.evaluation.cluster import Cluster, evaluate_there
 from dualarm_cli.evaluation.fingerprint import digest, hashes_now, programs
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.studies.evaluation import Evaluation
 
 distributed = pytest.importorskip("distributed")
 

@@ -14,14 +14,14 @@ import pytest
 from dualarm_cli.evaluation import crew as module
 from dualarm_cli.evaluation.crew import Crew, WorkersFailedError
 from dualarm_cli.evaluation.request import Request
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.studies.evaluation import Evaluation
 
 # What a worker does, without libraries to load: what it is told by the name of the case.
 STAND_IN = """
 import json, os, signal, sys, time
 from pathlib import Path
 sys.path[:] = json.loads(sys.argv[1])
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.studies.evaluation import Evaluation
 out = os.fdopen(int(sys.argv[2]), "wb")
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 out.write(b'"ready"\\n'); out.flush()

@@ -15,8 +15,8 @@ from dualarm_cli.evaluation.evaluate import evaluate, settings_of
 from dualarm_cli.evaluation.request import Request, case_name
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.budget import Kept
-from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.motion.joint_motion import JointMotion
+from dualarm_cli.model.studies.evaluation import Evaluation
 from dualarm_cli.planning import planner
 from dualarm_cli.planning.planner import plan
 

@@ -19,7 +19,7 @@ import pytest
 from dualarm_cli.evaluation import fingerprint
 from dualarm_cli.evaluation.fingerprint import hashes_now
 from dualarm_cli.evaluation.store import MOST_BYTES, Store
-from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
 from dualarm_cli.page.packed import packed_document
 
 NAMES = (
@@ -299,7 +299,7 @@ from dataclasses import replace
 from pathlib import Path
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.evaluation.store import Store
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.studies.evaluation import Evaluation
 request = Request.of_document(json.loads(sys.argv[1]))
 answer = Evaluation.of_document(json.loads(sys.argv[2]))
 store = Store(Path(sys.argv[3]))

@@ -8,7 +8,7 @@ import pytest
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.studies.studies import load_study
-from dualarm_cli.model.study import Amount, Study
+from dualarm_cli.model.studies.study import Amount, Study
 
 HEAD = "dualarm: study/1\ntasks: tasks.yaml\n"
 

@@ -38,8 +38,8 @@ from dualarm_cli.levers.estimates import (
     with_raised_limits,
 )
 from dualarm_cli.levers.replanning import Replanned, Replanner, merged, replan, request_of
-from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.studies.evaluation import Evaluation
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.report.comparison.why_table import combinations_table

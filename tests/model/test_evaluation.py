@@ -8,7 +8,7 @@ import math
 import pytest
 
 from dualarm_cli.model.budget import Kept
-from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
 
 WHOLE = Evaluation(
     case="a/tasks.yaml",

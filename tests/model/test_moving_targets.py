@@ -20,7 +20,7 @@ from dualarm_cli.model.part_flow import Conveyor, OnBelt
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.shape import Hull, Shape
-from dualarm_cli.model.study import Amount
+from dualarm_cli.model.studies.study import Amount
 from dualarm_cli.model.touches import TouchSide
 
 BELT = Conveyor("belt", np.array([0.3, 0.0, -0.4]))

@@ -6,7 +6,7 @@ import pytest
 
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.study import OBJECTIVES, Amount, Parameter, Span, tidy
+from dualarm_cli.model.studies.study import OBJECTIVES, Amount, Parameter, Span, tidy
 
 MM = {"unit": "mm", "factor": 1e-3, "base": "m"}
 HERE = Place("study.yaml", 1, 1)

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from dualarm_cli.kinds.drawing import new_figure
-from dualarm_cli.model.study import OBJECTIVES
+from dualarm_cli.model.studies.study import OBJECTIVES
 from dualarm_cli.report.comparison.study_table import (
     MAX_ROWS,
     most_time,

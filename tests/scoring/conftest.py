@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.studies.evaluation import Evaluation
 from dualarm_cli.scoring.baseline import Recorded
 
 

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from dualarm_cli.model.evaluation import Finding
+from dualarm_cli.model.studies.evaluation import Finding
 from dualarm_cli.scoring.document import score_document
 from dualarm_cli.scoring.index import score_index
 from dualarm_cli.scoring.junit import MARK, junit_bytes, xml_text

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dualarm_cli.model.budget import Kept
-from dualarm_cli.model.evaluation import STATUSES, Finding
+from dualarm_cli.model.studies.evaluation import STATUSES, Finding
 from dualarm_cli.scoring.gate import judge, judge_all
 from dualarm_cli.scoring.verdict import EXIT_CODES, SEVERITY, STATES, exit_code
 

@@ -10,9 +10,9 @@ import pytest
 
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.evaluation.store import Store
-from dualarm_cli.model.evaluation import Evaluation, Finding
 from dualarm_cli.model.place import Place
-from dualarm_cli.model.study import (
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
+from dualarm_cli.model.studies.study import (
     OBJECTIVES,
     Amount,
     Level,

@@ -16,7 +16,7 @@ from dualarm_cli.errors import UsageError
 from dualarm_cli.evaluation.evaluate import evaluate
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
 from dualarm_cli.report.comparison.perturbation_table import (
     perturbation_csv,
     perturbation_sentences,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dualarm_cli.errors import UsageError
-from dualarm_cli.model.study import Amount, Sampling
+from dualarm_cli.model.studies.study import Amount, Sampling
 from dualarm_cli.studies.search import SEARCH, count_points, sample_shares, study_points
 
 

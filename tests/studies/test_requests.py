@@ -15,7 +15,7 @@ from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.schedule import Provenance
-from dualarm_cli.model.study import Study
+from dualarm_cli.model.studies.study import Study
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.studies.requests import (
     check_settings,

@@ -6,7 +6,7 @@ from itertools import product
 
 import pytest
 
-from dualarm_cli.model.study import Amount
+from dualarm_cli.model.studies.study import Amount
 from dualarm_cli.studies.search import SEARCH, search, whole_grid
 
 pytest.importorskip("optuna")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dualarm_cli.model.study import Sampling
+from dualarm_cli.model.studies.study import Sampling
 from dualarm_cli.studies.document import (
     StudySensitivity,
     numeric_factor,

@@ -11,7 +11,7 @@ from dualarm_cli.evaluation.fingerprint import names_of
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.files.source.text_source import read_bytes, recorded_reads
-from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
 from dualarm_cli.studies.document import study_document
 from dualarm_cli.studies.rows import StudyRow, rank
 from dualarm_cli.studies.search import Desk, study_points

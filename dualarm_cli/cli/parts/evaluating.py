@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dualarm_cli.evaluation.crew import Crew
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.evaluation.store import Store
-    from dualarm_cli.model.evaluation import Evaluation
+    from dualarm_cli.model.studies.evaluation import Evaluation
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from dualarm_cli.cli.parts.evaluating import progress_bar
 from dualarm_cli.cli.parts.output import print_message
 from dualarm_cli.errors import Diagnostic, InputError, OutputError, UsageError
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.studies.evaluation import Evaluation
 from dualarm_cli.report.printable import one_line
 
 if TYPE_CHECKING:

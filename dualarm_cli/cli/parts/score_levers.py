@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dualarm_cli.errors import DualArmError
-from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.model.studies.evaluation import Evaluation, Finding
 
 if TYPE_CHECKING:
     from dualarm_cli.evaluation.request import Request

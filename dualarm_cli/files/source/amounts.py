@@ -10,7 +10,7 @@ from dualarm_cli.files.source.quantities import (
     split_quantity,
 )
 from dualarm_cli.files.source.text_source import quote
-from dualarm_cli.model.study import Amount, tidy
+from dualarm_cli.model.studies.study import Amount, tidy
 
 DIMENSIONS = (
     quantities.LENGTH,

@@ -32,7 +32,7 @@ from dualarm_cli.files.studies.schema_study import (
 )
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.place import Place
-from dualarm_cli.model.study import (
+from dualarm_cli.model.studies.study import (
     OBJECTIVES,
     Amount,
     Apply,

@@ -8,7 +8,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Column, Table
 
-from dualarm_cli.model.study import OBJECTIVES, Objective
+from dualarm_cli.model.studies.study import OBJECTIVES, Objective
 from dualarm_cli.model.verification import exceptions
 from dualarm_cli.report.comparison.comparison_table import cell_text, csv_bytes
 from dualarm_cli.report.printable import numbers

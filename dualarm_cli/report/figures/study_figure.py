@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.kinds.drawing import new_figure, rendered
-from dualarm_cli.model.study import OBJECTIVES, Objective
+from dualarm_cli.model.studies.study import OBJECTIVES, Objective
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.comparison.study_table import parameter_label, value_text
 

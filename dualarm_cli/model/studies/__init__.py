@@ -1,0 +1,1 @@
+"""Studies of layouts, and evaluations of their points and of other jobs."""
