@@ -73,7 +73,8 @@ def test_a_delay_makes_the_cycle_longer_where_the_path_says(
             if transfer and alone and not hands_over and transfer.length > platform:
                 waits = {**plan.waits, arm: plan.waits.get(arm, 0.0) + DELAY}
                 compare(plans, k, transfer.slack, waits=waits)
-    assert min(expected) < 0.8 * DELAY  # some delays are absorbed
+    # Where arms wait for each other, a delay of the one that waits is absorbed.
+    assert name != "13_hand_over" or min(expected) == 0.0
     assert grown == pytest.approx(expected, abs=1e-6)
 
 

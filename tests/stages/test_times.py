@@ -74,12 +74,11 @@ def test_line_times_are_near_those_of_the_exact_lines(random_job: Callable[..., 
     assert np.isfinite(found.stages).all()
 
 
-# Joints with different limits do not move in proportion, so that the tool's path differs from the straight transfer's.
 CAREFUL = {
-    "speed": (Care(speed=0.5), 1e-9),
-    "acceleration": (Care(acceleration=0.4), 1e-9),
-    "tool speed": (Care(tool_speed=0.25), 0.3),
-    "all": (Care(0.8, 0.5, 0.25), 0.3),
+    "speed": Care(speed=0.5),
+    "acceleration": Care(acceleration=0.4),
+    "tool speed": Care(tool_speed=0.25),
+    "all": Care(0.8, 0.5, 0.25),
 }
 
 
@@ -88,8 +87,12 @@ CAREFUL = {
 def test_careful_times_are_those_of_the_exact_motion(
     random_job: Callable[..., Job], name: str, seed: int
 ) -> None:
-    """Of one arm on a platform that stands: exact for shares of rates, estimated for a tool's path."""
-    care, tolerance = CAREFUL[name]
+    """Of one arm on a platform that stands: exact for shares of rates.
+
+    A tool's speed limit is estimated, because joints with different limits do not move in proportion: within 2 % in the
+    median, and no stage is half as far off as without the limit.
+    """
+    care = CAREFUL[name]
     job = random_job(seed, stages=(4, 0))
     job = replace(job, tasks=tuple(replace(task, care=care) for task in job.tasks))
     model = CellModel.from_cell(job.cell)
@@ -97,9 +100,13 @@ def test_careful_times_are_those_of_the_exact_motion(
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
     found = evaluate(problem, decisions_of(problem, model, plans))
     made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])
-    lengths = [stage.end - stage.start for stage in made.stages]
-    assert lengths == pytest.approx([*found.stages], rel=tolerance)
-    assert found.total > 1.1 * evaluate(sequence_problem(model, job), found.decisions).total
+    plain = evaluate(sequence_problem(model, job), found.decisions)
+    lengths = np.array([stage.end - stage.start for stage in made.stages])
+    error, unknowing = (np.abs(times.stages / lengths - 1.0) for times in (found, plain))
+    assert (unknowing > 0.05).all()
+    assert (error < 0.5 * unknowing).all()
+    assert np.median(error) < 0.02
+    assert care.tool_speed < np.inf or error.max() < 1e-9
 
 
 def test_the_largest_tool_speed_is_that_of_the_straight_transfer(

@@ -136,7 +136,7 @@ def quickest_meeting(
         InfeasibleError: no plan that was found meets some part in its window, or there is no plan.
     """
     problem.progress("estimating where parts on conveyors are met")
-    # Every round plans again: one search in each is enough.
+    # Every round plans again; a second search in each would take twice the time.
     variant = replace(problem, job=_better_guessed(problem, timing), compares_care=False)
     delays: dict[tuple[int, str], float] = {}
     best: ClearedPlan | None = None
