@@ -184,9 +184,10 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
     ]
     for arm, tool in layout.tools.items():
         lines += [f"  # {tool.note}", f"  {arm}: {_tool(tool)}"]
-    lines.append(
-        "frames:                # targets are in these; x, y and z are in m from the robot's root, z is up"
-    )
+    lines += [
+        "frames:                # targets are in these; x, y and z are in m from the robot's root, z is up;",
+        "                       # `grid: {count: [3, 4], pitch: [60 mm, 60 mm]}` makes one a tray: see `each` of targets",
+    ]
     for arm, (tray, box) in zip(layout.trays, _pairs(layout), strict=True):
         for kind, row in (("tray", tray), ("box", box)):
             lines.append(f"  {kind}_{arm}: {_frame(row, layout.height)}")
@@ -196,6 +197,10 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
         "obstacles:             # what nothing may touch; a box is given by its sides and its centre",
         f"  table: {{box: [{size}], xyz: [{_number(x)}, {_number(y)}, {_number(z)}]}}",
         f"clearance: {_mm(layout.clearance)}        # the distance that all bodies keep",
+        "# parts:               # what tasks carry (`part: cup`), where shape, weight, care or grip matter",
+        "#   cup:               # `width`: of the jaws on it; `opening: [0, 60 mm]` of a tool: what its jaws can do",
+        "#     {shapes: [{cylinder: {radius: 20 mm, length: 40 mm}}], mass: 200 g, width: 40 mm,",
+        "#      grasps: {top: {xyz: [0, 0, 20 mm], rpy: [180 deg, 0, 0]}}, while_holding: {tilt: 15 deg}}",
     ]
     return "\n".join(lines) + "\n"
 
@@ -219,6 +224,7 @@ def tasks_text(layout: Layout) -> str:
         "return: true           # end where the cycle began",
         f"defaults: {{approach: {line}, retract: {line}, straight: {line}, dwell: 0.15 s, blend: 10 mm}}",
         "                       # lines to and from each target, along z of the tool or {distance, direction, in};",
+        "                       # `dwell`: of the gripper; [80 ms, 120 ms, 200 ms] is the least, nominal and greatest;",
         "                       # `straight`: how much of them must be straight;",
         "                       # `blend`: how far tools may leave targets of moves and corners, so as not to stop",
         "tasks:                 # rpy: [180 deg, 0, 0] points the tool down; free: yaw lets it turn about its own axis",

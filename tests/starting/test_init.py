@@ -13,6 +13,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from dualarm_cli.cli.run import run
+from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.source.bundled import bundled_robots, robots_folder
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -101,6 +102,19 @@ def test_every_bundled_robot_gets_a_project(robot):
             assert reaches_with_tool_down(job, task, stop), (task.id, stop.action)
     distance = np.linalg.norm(np.array(points)[:, None] - np.array(points)[None], axis=-1)
     assert distance[np.triu_indices(len(points), 1)].min() > 0.009
+
+
+def test_comments_of_a_cell_file_are_valid_keys():
+    """The part at its end, without the marks of comments."""
+    assert run(["init", "demo", "--robot", QUICK]) == 0
+    file = Path("demo/cell.yaml")
+    lines = file.read_text().splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("# parts:"))
+    file.write_text("\n".join([*lines[:first], *(line[2:] for line in lines[first:])]) + "\n")
+    assert check_file(file) == []
+    cell = load_cell(file).cell
+    assert cell.width("cup") == 0.04 and set(cell.grasps["cup"]) == {"top"}
+    assert cell.care["cup"].tilt == pytest.approx(np.radians(15.0))
 
 
 def test_a_project_plans_at_once(capsys):
