@@ -186,7 +186,7 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
         lines += [f"  # {tool.note}", f"  {arm}: {_tool(tool)}"]
     lines += [
         "frames:                # targets are in these; x, y and z are in m from the robot's root, z is up;",
-        "                       # `grid: {count: [3, 4], pitch: [60 mm, 60 mm]}` makes one a tray: see `each` of targets",
+        "                       # `grid: {count: [3, 4], pitch: [60 mm, 60 mm]}` makes one a tray for `each`",
     ]
     for arm, (tray, box) in zip(layout.trays, _pairs(layout), strict=True):
         for kind, row in (("tray", tray), ("box", box)):
