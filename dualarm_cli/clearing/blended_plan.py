@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+from dualarm_cli.background import map_halves
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import alone_clear, stage_samples
@@ -67,14 +68,26 @@ def shortest_blended(
     timing: TimingSolver,
 ) -> ClearedPlan:
     """Blend a plan and its rivals; return the shortest, see `blended_plan`."""
-    best = blended_plan(problem, replace(plan, rivals=()), timing)
-    for rival in plan.rivals:
-        try:
-            blended = blended_plan(problem, rival, timing)
-        except InfeasibleError:
-            continue
-        best = min(best, blended, key=lambda blended: blended.cleared.duration)
-    return best
+    plans = [replace(plan, rivals=()), *plan.rivals]
+
+    def blended(batch: Sequence[ClearedPlan]) -> list[TimedPlan | None]:
+        timed: list[TimedPlan | None] = []
+        for candidate in batch:
+            try:
+                timed.append(blended_plan(problem, candidate, timing).cleared)
+            except InfeasibleError:
+                if candidate is plans[0]:
+                    raise
+                timed.append(None)
+        return timed
+
+    pairs = [
+        (candidate, cleared)
+        for candidate, cleared in zip(plans, map_halves(blended, plans), strict=True)
+        if cleared is not None
+    ]
+    best, shortest = min(pairs, key=lambda pair: pair[1].duration)
+    return replace(best, cleared=shortest, stopping=best.cleared)
 
 
 def blended_plan(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from dualarm_cli.background import BackgroundCall
 from dualarm_cli.effort.stages import SCALING
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
@@ -149,7 +151,8 @@ def _posture(plan: Evaluated, arm: int, stage: int) -> StopPosture:
 
 def solve_sequence(problem: MethodProblem) -> Decided:
     """Plan the whole sequence, see `_solved`, and offer to refine the collision-free plan."""
-    decided = _solved(problem)
+    with ExitStack() as workers:
+        decided = _solved(problem, workers)
     if not problem.settings.search.refinements or not _is_timed_whole(problem.job):
         return decided
     return replace(decided, refined=partial(_refined, problem))
@@ -187,11 +190,15 @@ def _within_limits(
     return problem, replace(_numbers(problem), with_margin=numbers.arms)
 
 
-def _solved(problem: MethodProblem) -> Decided:
+def _solved(problem: MethodProblem, workers: ExitStack) -> Decided:
     """Plan the whole sequence; simpler plans compete as alternatives.
 
     In short sequences, and if its grids have no plan, the search starts from the unrefined plans of every greedy
     method. Those close to its result are refined and compete with it in exact timing.
+
+    Args:
+        problem: problem of the method.
+        workers: ends what still runs in worker processes.
 
     Raises:
         InfeasibleError: no method finds a plan; the reason of the first one.
@@ -221,12 +228,23 @@ def _solved(problem: MethodProblem) -> Decided:
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
     greedy = len(job.stages()) <= _begun(problem, numbers)
+    # A blended search restarts from its own plan and seldom loses against simpler plans.
+    few = (
+        problem.settings.search.refined
+        if numbers.launches is not None
+        else numbers.settings.few_stages
+    )
+    always = job.tool_speed is not None or len(job.stages()) <= few or not spares
+    quickest: BackgroundCall[list[StagePlan]] | None = None
 
     def simpler_starts(on_grid: bool) -> list[Decisions]:
-        nonlocal starts, failure
+        nonlocal starts, failure, quickest
         if given or general or (not greedy if on_grid else problem.without_margin is not None):
             return []
         starts, failure = _starts(problem, on_grid)
+        if always and MINIMUM_TIME in starts:
+            quickest = BackgroundCall(partial(_refined_start, problem))
+            workers.enter_context(quickest)
         return [decisions_of(numbers, model, stages) for stages in starts.values()]
 
     decided = [] if problem.start is None else [problem.start]
@@ -246,11 +264,8 @@ def _solved(problem: MethodProblem) -> Decided:
     stages = stage_plans(model, job, numbers, result.best.decisions, "sequence")
     if result.is_infeasible:
         return Decided(stages, is_infeasible=True)
-    # A blended search restarts from its own plan and seldom loses against simpler plans.
-    blends = numbers.launches is not None
-    few = problem.settings.search.refined if blends else numbers.settings.few_stages
     narrowed = (stage_plans(model, job, numbers, plan, "sequence") for plan in result.with_margin)
-    alternatives = *_rivals(problem, starts, result, few), *narrowed
+    alternatives = *_rivals(problem, starts, result, quickest), *narrowed
     # The grid's bound ignores the cost of clearance, the plan on the grid includes it.
     gap = _grid_gap(result) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None
@@ -353,8 +368,17 @@ def _grid_gap(result: SequenceResult) -> float | None:
     return max(0.0, 1.0 - result.grid_bound / result.grid_total)
 
 
+def _refined_start(problem: MethodProblem) -> list[StagePlan]:
+    """Refine the plan of `minimum_time`; empty if a stage has none."""
+    plan = choose_stages_with(problem, [MINIMUM_TIME])[MINIMUM_TIME]
+    return [] if isinstance(plan, InfeasibleError) else plan
+
+
 def _rivals(
-    problem: MethodProblem, starts: dict[str, list[StagePlan]], result: SequenceResult, few: int
+    problem: MethodProblem,
+    starts: dict[str, list[StagePlan]],
+    result: SequenceResult,
+    quickest: BackgroundCall[list[StagePlan]] | None,
 ) -> tuple[list[StagePlan], ...]:
     """Refine the simpler plans that exact timing may show to be as fast.
 
@@ -362,19 +386,22 @@ def _rivals(
         problem: the problem of the method.
         starts: unrefined plans of the simpler methods.
         result: result of the search.
-        few: number of stages up to which the `minimum_time` plan is always refined.
+        quickest: refinement of the `minimum_time` plan, where it is refined in any case.
     """
     total, settings = result.best.total, problem.settings.sequence
-    is_short = len(problem.job.stages()) <= few or not problem.settings.spares
     capped = problem.job.tool_speed is not None
     even = SCALING.damping(len(problem.job.stages()))
     excess = dict.fromkeys(starts, np.inf if capped else settings.refined * even)
     if MINIMUM_TIME in excess:
-        excess[MINIMUM_TIME] = np.inf if is_short or capped else settings.refined_moves * even
+        excess[MINIMUM_TIME] = np.inf if quickest else settings.refined_moves * even
     limits = {name: (1.0 + share) * total for name, share in excess.items()}
     rivals = [name for name, rough in starts.items() if _length(rough) <= limits[name]]
-    refined = choose_stages_with(problem, rivals)
-    plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
+    here = [name for name in rivals if not (quickest and name == MINIMUM_TIME)]
+    refined = choose_stages_with(problem, here)
+    if quickest:
+        refined[MINIMUM_TIME] = quickest.result()
+    ordered = (refined[name] for name in rivals)
+    plans = [plan for plan in ordered if plan and not isinstance(plan, InfeasibleError)]
     # Only exact timing shows the cost of a tool speed limit.
     longest = (1.0 + settings.alike * even) * total
     return tuple(plan for plan in plans if capped or _length(plan) <= longest)

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from dualarm_cli.background import map_halves
+from dualarm_cli.background import BackgroundCall, map_halves
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.effort.stages import SCALING, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
@@ -74,14 +74,18 @@ def search(
         further: computes slow plans of simpler methods; its argument is whether the grids have a plan.
     """
     how = search_effort(problem, effort)
-    others: list[Decisions] = []
-    if problem.with_margin and problem.stages <= SCALING.short:
+    has_narrow = bool(problem.with_margin) and problem.stages <= SCALING.short
+
+    def narrow() -> tuple[Decisions, ...]:
+        if not has_narrow:
+            return ()
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
         part = replace(next(_with_room(problem)), progress=lambda _: None)
-        narrow = _searched(part, starts, one_grid, seed)
-        others = [] if narrow is None or narrow.is_infeasible else [narrow.best.decisions]
-    result = _searched(problem, (*starts, *others), how, seed, further, others)
-    return None if result is None else replace(result, with_margin=tuple(others))
+        result = _searched(part, starts, one_grid, seed)
+        return () if result is None or result.is_infeasible else (result.best.decisions,)
+
+    with BackgroundCall(narrow, is_long=has_narrow) as others:
+        return _searched(problem, starts, how, seed, further, others.result)
 
 
 def _searched(
@@ -90,9 +94,9 @@ def _searched(
     how: SearchEffort,
     seed: int,
     further: Callable[[bool], Sequence[Decisions]] = lambda _: (),
-    others: Sequence[Decisions] = (),
+    narrow: Callable[[], tuple[Decisions, ...]] = tuple,
 ) -> SequenceResult | None:
-    """Search with one set of position limits, see `search`; `others` are blended plans."""
+    """Search with one set of position limits, see `search`; `narrow` computes blended plans."""
     moving, problem = problem, replace(problem, launches=None)
     exact, polishing = ExactStages(problem), Polishing(problem, seed)
     steps = 3 + how.local_rounds
@@ -105,7 +109,9 @@ def _searched(
     total = grids[0].plans[0][0].total if grids[0].plans else None
     on_nodes = [pair for grid in grids for pair in grid.plans]
     possible = any(path.is_possible for path, _ in on_nodes)
-    pool = [evaluate(problem, start) for start in (*further(possible), *starts)]
+    plans = [*further(possible), *starts]
+    others = narrow()
+    pool = [evaluate(problem, start) for start in (*plans, *others)]
     if not pool and on_nodes and not possible:
         return SequenceResult(min(on_nodes, key=lambda pair: pair[0].total)[1], bound, total, True)
     pool += [plan for _, plan in on_nodes]
@@ -127,7 +133,7 @@ def _searched(
     rivals = _apart(problem, best, tried)[: how.rivals] if moving.launches is not None else []
     given = [evaluate(problem, decisions) for decisions in others]
     best = polished_thoroughly(replace(polishing, problem=moving), best, how, (rivals, given))
-    return SequenceResult(best, bound, total)
+    return SequenceResult(best, bound, total, with_margin=others)
 
 
 def _apart(
