@@ -88,14 +88,15 @@ class BackgroundCall(Generic[T]):
     so that errors are raised here.
     """
 
-    def __init__(self, function: Callable[[], T], *, is_long: bool = True) -> None:
+    def __init__(self, function: Callable[[], T], *, is_long: bool = True, nice: int = 0) -> None:
         """Prepare the call.
 
         Args:
             function: function without side effects, whose result can be pickled.
             is_long: whether it takes longer than a worker, which costs about 20 ms.
+            nice: increment of the worker's nice value, if other workers' results are needed sooner.
         """
-        self.function, self._is_long = function, is_long
+        self.function, self._is_long, self._nice = function, is_long, nice
         self._child: int | None = None
         self._pipe: int | None = None
 
@@ -112,7 +113,7 @@ class BackgroundCall(Generic[T]):
             try:
                 self._child = os.fork()
                 if self._child == 0:
-                    _work(self.function, end, before, parent)
+                    _work(self.function, end, (before, self._nice), parent)
             except OSError:
                 # No memory or process slot is free for a worker: this process does the work.
                 pass
@@ -194,20 +195,23 @@ def map_halves(
         return [*first_results, *second.result()]
 
 
-def _work(function: Callable[[], T], end: int, mask: set[int], parent: int) -> NoReturn:
+def _work(
+    function: Callable[[], T], end: int, before: tuple[set[int], int], parent: int
+) -> NoReturn:
     """Write a function's result to a pipe and end the process, without exit handlers.
 
     Args:
         function: the function.
         end: writing end of the pipe.
-        mask: signals blocked from here on.
+        before: signals blocked from here on, and increment of the nice value.
         parent: id of the parent process.
     """
     try:
         # The parent handles Ctrl-C.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before[0])
+        os.nice(before[1])
         # The worker ends with its parent, however that ends.
         end_with_parent(parent)
         _workers_allowed.set(False)

@@ -61,7 +61,9 @@ def _with_bound(
     notes: list[str] = []
     with (
         BackgroundCall(
-            bound.value if is_bounded else lambda: LowerBound(None, ()), is_long=is_bounded
+            bound.value if is_bounded else lambda: LowerBound(None, ()),
+            is_long=is_bounded,
+            nice=10,
         ) as bounding,
         BackgroundCall(
             lambda: _of_less_effort(work), is_long=bool(_less_efforts(work))
