@@ -1,7 +1,7 @@
 """The transfers of dualarm's plans by other planners: time per move and motion time, all in one run.
 
 python -m benchmarks.quality.peers [--stages 24] [--seeds 1 2 3] [--repeats 2]
-    [--peers ruckig toppra ompl drake tesseract] [--efforts quick normal]
+    [--peers ruckig toppra ompl drake roboplan tesseract] [--efforts quick normal]
 
 The moves are the transfers of random SDA10F sequences of `long_sequences.py`, planned with stops at the outer ends of
 lines (`--blend none`), normal effort, and verified with their clearance. Start and goal of all 15 joints are given to
@@ -20,7 +20,7 @@ at such distances along it.
 
 ruckig and toppra come with dualarm. The others are no dependencies of it:
 
-    pip install ompl drake tesseract-robotics
+    pip install ompl drake roboplan tesseract-robotics
 
 A peer that is not installed, or that cannot be loaded, is named and left out.
 """
@@ -364,6 +364,56 @@ class DrakeDistance:
         """Of the joints at one point of a path."""
 
 
+def by_roboplan(setting: Setting) -> Solve:
+    """Returns roboplan's RRT-Connect, its shortcuts, and toppra: no jerk limits, bodies sampled."""
+    from roboplan import core, rrt, toppra
+
+    joints, limits = list(setting.limits.joints), setting.limits
+    urdf = cell_urdf(setting.cell).text
+    scene = core.Scene("cell", core.loadUrdfSceneDescriptionFromXml(urdf))
+    links = [link.attrib["name"] for link in ET.fromstring(urdf).iter("link")]
+    with_shapes = [link for link in links if scene.getCollisionGeometryIDs(link)]
+    pairs = list(combinations(with_shapes, 2))
+    together = [pair for pair in pairs if frozenset(pair) not in setting.bodies.apart]
+    scene.setCollisions(together, False)
+    rates = zip(joints, limits.velocity.tolist(), limits.acceleration.tolist(), strict=True)
+    rows = {joint: {"max_velocity": [v], "max_acceleration": [a]} for joint, v, a in rates}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "limits.yaml"
+        path.write_text(json.dumps({"joint_limits": rows}), encoding="utf-8")
+        scene.importJointLimitsFromConfig(core.loadJointLimitsConfig(path))
+    scene.addGroup("all", joints)
+    scene.setRngSeed(1)
+    if list(scene.getJointGroupInfo("all").joint_names) != joints:
+        raise PeerError("roboplan orders the joints in another way")
+    asked = rrt.RRTOptions(
+        group_name="all",
+        rrt_connect=True,
+        collision_check_step_size=STEP,
+        max_nodes=100_000,
+        max_planning_time=PATIENCE,
+    )
+    search = rrt.RRT(scene, asked)
+    shorter = core.PathShortcutter(scene, core.PathShortcuttingOptions("all", STEP))
+    timing = toppra.PathParameterizerTOPPRA(scene, "all")
+
+    def solve(move: Move) -> Answer | None:
+        watch = Stopwatch()
+        ends = (core.JointConfiguration(joints, q) for q in (move.start, move.goal))
+        try:
+            path = search.plan(*ends)
+        except RuntimeError:
+            return None
+        watch.lap("path")
+        path = shorter.shortcut(path)
+        watch.lap("shortcuts")
+        motion = timing.generate(path)
+        watch.lap("toppra")
+        return Answer(watch.spent, float(motion.times[-1]), between(np.array(motion.positions)))
+
+    return solve
+
+
 def by_tesseract(searched: bool) -> Callable[[Setting], Solve]:
     """Returns Tesseract: a path, TrajOpt, and time-optimal trajectory generation; no jerk limits, bodies sampled.
 
@@ -602,6 +652,14 @@ PEERS = (
         "v a j",
         f"{DISTANCES} points",
         by_drake(15, True, DISTANCES),
+    ),
+    Peer(
+        "roboplan",
+        "roboplan RRT-Connect, shortcuts, toppra",
+        "roboplan",
+        "v a",
+        "every 0.05 rad",
+        by_roboplan,
     ),
     Peer(
         "tesseract",
