@@ -25,6 +25,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.correctness.judge import STEP, Motion
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.interface import load, plan
 
@@ -176,8 +177,10 @@ def main() -> None:
             outcome, detail = "refused", str(error).splitlines()[0][:200]
         outcomes[outcome] += 1
         count, seed = count + 1, seed + 1
-        print(f"{what}: {outcome}, {detail} ({process_time() - begun:.1f} s)", flush=True)
-    print(dict(outcomes), f"largest share {largest:.4f}")
+        tell(f"{what}: {outcome}, {detail} ({process_time() - begun:.1f} s)")
+    kinds = "planned", "slowed", "refused", "unsound"
+    print_head("jobs", *kinds, "largest share of an effort")
+    print_row(count, *(outcomes[kind] for kind in kinds), f"{largest:.4f}")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Blended corners against an IPOPT optimum: a line, the transfer after it and the next line, in motion all the way.
 
-Run `OPENBLAS_NUM_THREADS=1 python -m benchmarks.quality.blended_corners --line 0.08 --corners 50`, and
-`--corners 0 --checked 10000` for limits alone.
+Run `OPENBLAS_NUM_THREADS=1 python -m benchmarks.quality.blended_corners --line 0.08 0.04 0.02 --corners 50`,
+and `--corners 0 --checked 10000` for limits alone.
 
 Corners are pairs of random targets of an SDA10F arm within its room of `long_sequences.py`, postures as the planner
 chooses them; those of the comparison stay MARGIN away from position limits on their lines.
@@ -18,6 +18,7 @@ import argparse
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -28,6 +29,7 @@ import pinocchio as pin
 from numpy.polynomial import chebyshev
 
 from benchmarks.jobs.long_sequences import ROOMS, write_sequence
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
@@ -364,38 +366,46 @@ def compare(line: float, seed: int, count: int) -> FloatArray:
         seconds += time.process_time() - begin
         worst = max(worst, used)
         rows.append((ours.duration / least, ours.duration / ours.rest))
-    print(f"reference: {seconds / count:.2f} s each, at most {worst:.4f} of a limit anywhere")
+    tell(f"reference: {seconds / count:.2f} s each, at most {worst:.4f} of a limit anywhere")
     return np.array(rows)
 
 
 def main() -> None:
     """Prints the measurements."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--line", type=float, default=0.08, help="length of the lines [m]")
+    lengths = {"type": float, "nargs": "+", "default": [0.08, 0.04, 0.02]}
+    parser.add_argument("--line", **lengths, help="lengths of the lines [m]")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--corners", type=int, default=50, help="how many are compared")
     parser.add_argument("--checked", type=int, default=0, help="of how many limits are checked")
     asked = parser.parse_args()
     if asked.corners:
-        ratio, gain = compare(asked.line, asked.seed, asked.corners).T
-        print(f"{asked.corners} corners of {1000 * asked.line:.0f} mm")
-        print(f"ours / reference    median {np.median(ratio):.4f}, worst {ratio.max():.4f}")
-        print(f"ours / rest to rest median {np.median(gain):.4f}, worst {gain.max():.4f}")
+        print_head(
+            "corners", "lines", "/ optimum, median", "worst", "/ with stops, median", "worst"
+        )
+    for length in asked.line if asked.corners else ():
+        ratios = compare(length, asked.seed, asked.corners)
+        cells = (f"{f(column):.3f}" for column in ratios.T for f in (np.median, np.max))
+        print_row(asked.corners, f"{1e3 * length:g} mm", *cells)
     if asked.checked:
-        broken, slower, gains, seconds = 0, 0, [], 0.0
-        for _, corner in zip(
-            range(asked.checked), random_corners(asked.line, asked.seed + 1), strict=False
-        ):
-            begin = time.process_time()
-            ours = blend(corner)
-            seconds += time.process_time() - begin
-            wrong = broken_limits(corner, ours)
-            broken += bool(wrong)
-            gains.append(ours.duration / ours.rest)
-            slower += gains[-1] > 1.0 + 1e-9
-            print(*wrong, sep="\n", end="\n" if wrong else "")
-        print(f"{asked.checked} corners, {1000 * seconds / asked.checked:.1f} ms each: {broken} ")
-        print(f"break a limit, {slower} slower than rest to rest, median {np.median(gains):.4f}")
+        print_head("checked", "lines", "beyond a limit", "slower than with stops", "each")
+    for length in asked.line if asked.checked else ():
+        print_row(asked.checked, f"{1e3 * length:g} mm", *checked(length, asked))
+
+
+def checked(length: float, asked: argparse.Namespace) -> tuple[int, int, str]:
+    """Returns how many corners break a limit, how many are slower than with stops, and the time of each."""
+    broken, slower, seconds = 0, 0, 0.0
+    for corner in islice(random_corners(length, asked.seed + 1), asked.checked):
+        begin = time.process_time()
+        ours = blend(corner)
+        seconds += time.process_time() - begin
+        wrong = broken_limits(corner, ours)
+        for line in wrong:
+            tell(line)
+        broken += bool(wrong)
+        slower += ours.duration > (1.0 + 1e-9) * ours.rest
+    return broken, slower, f"{1e3 * seconds / asked.checked:.1f} ms"
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.jobs.long_sequences import write_sequence
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Job
@@ -94,6 +95,7 @@ def main() -> None:
         jobs = {name: load_job(Path(name)) for name in arguments.jobs}
     else:
         jobs = {f"seed {k}": sequence_job(k, arguments.stages) for k in range(arguments.sequences)}
+    print_head("", "straight", "jobs", "cycle / with stops (worst)", "planning / with stops")
     for limits in ("jerk limits", "no jerk limits"):
         ratios: dict[str, list[float]] = {name: [] for name in VARIANTS}
         times: dict[str, list[float]] = {name: [] for name in VARIANTS}
@@ -105,20 +107,18 @@ def main() -> None:
                     for variant, (blend, straight) in VARIANTS.items()
                 }
             except InfeasibleError as error:
-                print(f"{limits}, {name}: {str(error).splitlines()[0]}", flush=True)
+                tell(f"{limits}, {name}: {str(error).splitlines()[0]}")
                 continue
             stops = found["stops"]
             for variant, (cycle, taken) in found.items():
                 ratios[variant].append(cycle / stops[0])
                 times[variant].append(taken / stops[1])
             row = ", ".join(f"{v} {cycle:.3f} s" for v, (cycle, _) in found.items())
-            print(f"{limits}, {name}: {row}", flush=True)
+            tell(f"{limits}, {name}: {row}")
         for variant in VARIANTS:
-            print(
-                f"{limits}, {variant}: cycle {np.median(ratios[variant]):.3f} of that with stops (worst "
-                f"{max(ratios[variant]):.3f}), planning {np.median(times[variant]):.2f}",
-                flush=True,
-            )
+            cycle = f"{np.median(ratios[variant]):.3f} ({max(ratios[variant]):.3f})"
+            count, planning = len(ratios[variant]), f"{np.median(times[variant]):.2f}"
+            print_row(limits, variant, count, cycle, planning)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from multiprocessing import Pool
 import numpy as np
 
 from benchmarks.quality.blended_cycles import sequence_job
+from benchmarks.tables import print_head, print_row
 from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
@@ -97,26 +98,27 @@ def main() -> int:
     with Pool(options.processes) as pool:
         if options.perturbed:
             each = options.perturbed // options.sequences
-            seeds = range(1, options.sequences + 1)
+            seeds, tried_plans = range(1, options.sequences + 1), each * options.sequences
+            print_head("", "plans", "possible", "bound / plan, at most")
             for blend in ("none", "lines"):
                 tried = [(seed, options.stages, each, blend) for seed in seeds]
                 pairs = pool.map(perturbed, tried, 1)
                 most, possible = max(ratio for _, ratio in pairs), sum(n for n, _ in pairs)
-                print(
-                    f"--blend {blend}: {possible} possible plans; the bound is at most {most:.3f} of one",
-                    flush=True,
-                )
+                print_row(f"`--blend {blend}`", tried_plans, possible, f"{most:.3f}")
                 good &= most <= 1.0
             return 0 if good else 1
+        print_head("effort", "sequences", "", "bound below the plan", "time / planning's")
         for effort in options.efforts.split(","):
             for blend in ("none", "lines"):
                 seeds = range(1, options.sequences + 1)
                 rows = pool.map(measured, [(s, options.stages, effort, blend) for s in seeds], 1)
                 gaps, costs = (np.array([getattr(r, k) for r in rows]) for k in ("gap", "cost"))
-                print(
-                    f"{effort}, --blend {blend}: bound {np.median(gaps):.1%} below the plan "
-                    f"({gaps.min():.1%} to {gaps.max():.1%}), in {np.median(costs):.2f} of the planning's time",
-                    flush=True,
+                print_row(
+                    effort,
+                    len(gaps),
+                    f"`--blend {blend}`",
+                    f"{np.median(gaps):.1%} ({gaps.min():.1%} to {gaps.max():.1%})",
+                    f"{np.median(costs):.2f}",
                 )
                 good &= bool((gaps >= 0.0).all())
     return 0 if good else 1

@@ -15,6 +15,7 @@ from time import perf_counter
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.solids import Pair, cell_solids, geometry_model
 from dualarm_cli.files.tasks.tasks import load_job
@@ -55,7 +56,7 @@ def quick_against_coal(name: str, cell: Cell) -> None:
             times.append((perf_counter() - begin) / POSTURES)
         pairs = list(dict.fromkeys(pair for group in some for pair in group.pairs))
         plain, broad, wrong = _by_coal(cell, pairs, q[: POSTURES // 4], margins)
-        print(
+        tell(
             f"{name}, {what}: {len(pairs)} pairs, quick test {min(times) * 1e6:.1f} us a posture, coal "
             f"{plain / min(times):.1f} times as long, with its broad phase {broad / min(times):.1f} "
             f"times; {(margins > 0).mean():.0%} called free, of those touching: {wrong}"
@@ -96,12 +97,16 @@ def plans(name: str, job: Job) -> None:
     found = verify(schedule, job, clearance=True)
     proof = perf_counter() - begin
     least = min(found.clearances, key=lambda stage: stage.margin)
-    print(
-        f"{name}: {len(job.stages())} stages: unchecked {times[0]:.2f} s, clear {times[1]:.2f} s "
-        f"({times[1] / times[0]:.2f} times), verification {proof:.2f} s; cycle {cycles[0]:.3f} -> "
-        f"{cycles[1]:.3f} s ({cycles[1] / cycles[0] - 1.0:+.1%}); "
-        f"{'passed' if found.passed else 'FAILED'}, least proven {least.clearance * 1e3:.1f} mm of "
-        f"{least.required * 1e3:.1f} mm"
+    assert found.passed, found.failures
+    print_row(
+        f"`{name}`",
+        len(job.stages()),
+        f"{cycles[0]:.3f} s",
+        f"{cycles[1]:.3f} s ({cycles[1] / cycles[0] - 1.0:+.1%})",
+        f"{least.clearance * 1e3:.1f} mm of {least.required * 1e3:.1f} mm",
+        f"{times[0]:.1f} s",
+        f"{times[1]:.1f} s",
+        f"{proof:.1f} s",
     )
 
 
@@ -124,10 +129,11 @@ def main() -> None:
     plan_without_bound(load_job(TASKS / "01_first_pick" / "tasks.yaml"), PlanSettings())
     for name, job in jobs.items():
         quick_against_coal(name, job.cell)
+    cycles = "cycle without checking", "collision-free", "least clearance proven"
+    print_head("cell", "stages", *cycles, "planned without", "with", "verified")
     for name, job in jobs.items():
         plans(name, job)
-    for name in CELLS[:2]:
-        plans(f"{name} repeated", repeated(jobs[name], stages))
+    plans(CELLS[0], repeated(jobs[CELLS[0]], stages))
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from time import process_time
 
 import numpy as np
 
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
@@ -178,17 +179,21 @@ def main() -> None:
         possible = np.isfinite(alone[:, 0])
         ratios.append(duration / alone[:, 0].min() if possible.any() else np.nan)
         times.append(time / np.median(alone[:, 1]))
-        print(
+        tell(
             f"job {k}: {len(job.tasks)} tasks on {job.cell.robot.name}, {duration:.3f} s ({time:.1f} s of processor); "
             f"{possible.sum()} of {len(alone)} alone have a plan, best {alone[:, 0].min():.3f} s, "
-            f"{np.median(alone[:, 1]):.1f} s of processor each; ratio {ratios[-1]:.4f}",
-            flush=True,
+            f"{np.median(alone[:, 1]):.1f} s of processor each; ratio {ratios[-1]:.4f}"
         )
     found = np.array(ratios)[np.isfinite(ratios)]
-    print(
-        f"{len(found)} jobs: {(found < 0.9999).sum()} shorter, {(found > 1.0001).sum()} longer; "
-        f"median {np.median(found):.4f}, {found.min():.4f} to {found.max():.4f}; "
-        f"processor time by that of one alone, median {np.median(times):.1f}"
+    print_head("jobs", "", "shorter", "longer", "cycle, mean", "least", "processor time, median")
+    print_row(
+        f"`{given.work}`",
+        len(found),
+        (found < 0.9999).sum(),
+        (found > 1.0001).sum(),
+        f"{found.mean():.3f}",
+        f"{found.min():.3f}",
+        f"{np.median(times):.1f}",
     )
 
 

@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.evaluation.crew import Crew
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.files.source.bundled import task_file
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.levers.estimates import estimated_levers
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
@@ -57,30 +59,32 @@ def main() -> None:
     chosen = parser.parse_args()
     every: dict[str, list[tuple[str, float, float]]] = {}
     hits = 0
+    what = "rank correlation", "error, median", "worst", "best one is estimate number", "it is"
+    print_head("job", "levers", *what)
     for name in chosen.jobs:
         rows = of_job(name, chosen.effort, chosen.processes, chosen.most)
         every[name] = rows
         if not rows:
-            print(f"{name:16} no estimates", flush=True)
+            tell(f"{name} has no estimates")
             continue
         estimate, gain = np.array([row[1:] for row in rows]).T
         error = np.abs(estimate - gain)
         best = int(np.argmax(gain))
         hits += best < FIRST
-        print(
-            f"{name:16} {len(rows):3} levers, rank correlation {spearmanr(estimate, gain)[0]:.2f}, error median "
-            f"{np.median(error):.3f} s, worst {error.max():.3f} s ({rows[int(np.argmax(error))][0]}), best is number "
-            f"{best + 1}: {rows[best][0]}",
-            flush=True,
-        )
+        tell(f"{name}: the largest error is that of {rows[int(np.argmax(error))][0]}")
+        print_row(name, len(rows), *numbers(estimate, gain), best + 1, rows[best][0])
         if chosen.out:
             chosen.out.write_text(json.dumps(every, indent=1))
     estimate, gain = np.array([row[1:] for rows in every.values() for row in rows]).T
-    print(
-        f"{len(estimate)} levers of {len(every)} jobs: rank correlation "
-        f"{spearmanr(estimate, gain)[0]:.2f}, error median "
-        f"{np.median(np.abs(estimate - gain)):.3f} s; the best is among the first {FIRST} in {hits} of {len(every)}"
-    )
+    first = f"among the first {FIRST} in {hits} of {len(every)}"
+    print_row("all", len(estimate), *numbers(estimate, gain), first, "")
+
+
+def numbers(estimate: FloatArray, gain: FloatArray) -> tuple[str, str, str]:
+    """Returns rank correlation, median and largest error of estimates [s] of gains [s]."""
+    error = np.abs(estimate - gain)
+    ranks = spearmanr(estimate, gain)[0]
+    return f"{ranks:.2f}", f"{np.median(error):.3f} s", f"{error.max():.3f} s"
 
 
 if __name__ == "__main__":

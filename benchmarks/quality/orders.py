@@ -11,6 +11,7 @@ Times are those of the processor; planning is one process here.
 from __future__ import annotations
 
 import argparse
+import math
 import statistics
 import time
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from dataclasses import replace
 
 from benchmarks.jobs.nearest_neighbour import each_arms_nearest, nearest_neighbour
 from benchmarks.jobs.random_orders import FAMILIES, Instance, random_instance
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, StopKey
@@ -91,7 +93,7 @@ def row_of(given: argparse.Namespace, seed: int, tasks: int, family: str) -> dic
             else:
                 schedule, apart = mended_plan(baseline(instance, what), settings)
         except InfeasibleError as error:
-            print(f"  {tasks} {family} seed {seed}: {what} has no plan: {str(error)[:150]}")
+            tell(f"{tasks} {family} seed {seed}: {what} has no plan: {str(error)[:150]}")
             row[what] = float("inf")
             continue
         row[f"{what} planning"] = time.process_time() - begin
@@ -100,7 +102,7 @@ def row_of(given: argparse.Namespace, seed: int, tasks: int, family: str) -> dic
         failures = verify(schedule, instance.job, clearance=True).failures
         row[f"{what} verifying"] = time.process_time() - begin
         if failures:
-            print(f"  {tasks} {family} seed {seed}: {what} FAILS: {failures}")
+            tell(f"{tasks} {family} seed {seed}: {what} fails: {failures}")
             row[f"{what} fails"] = 1.0
         if what == "search":
             gap = schedule.order_grid_gap
@@ -111,7 +113,7 @@ def row_of(given: argparse.Namespace, seed: int, tasks: int, family: str) -> dic
     return row
 
 
-def print_row(seed: int, row: dict[str, float]) -> None:
+def tell_row(seed: int, row: dict[str, float]) -> None:
     """One instance."""
     none = float("nan")
     known = [one for one in BASELINES if one in row]
@@ -120,33 +122,26 @@ def print_row(seed: int, row: dict[str, float]) -> None:
         f"{what} {row[what]:.3f} s ({row['search'] / row[what]:.3f}, {row.get(f'{what} apart', none):.0f} apart)"
         for what in known
     )
-    print(
-        f"  seed {seed}: search {row['search']:.3f} s, gap {row.get('gap', none):.1%}; {others};"
-        f" planning {planned} + bound {row['bounding']:.1f} + verification {row.get('search verifying', none):.1f} s",
-        flush=True,
+    tell(
+        f"seed {seed}: search {row['search']:.3f} s, gap {row.get('gap', none):.1%}; {others};"
+        f" planning {planned} + bound {row['bounding']:.1f} + verification {row.get('search verifying', none):.1f} s"
     )
 
 
-def print_medians(name: str, rows: list[dict[str, float]]) -> None:
-    """Medians over the seeds."""
+def print_medians(tasks: int, family: str, rows: list[dict[str, float]]) -> None:
+    """Prints medians over the seeds."""
 
-    def median(values: list[float]) -> float:
-        return statistics.median(values) if values else float("nan")
+    def median(values: list[float], shown: str) -> str:
+        return format(statistics.median(values), shown) if values else ""
 
-    print(f"{name}: {len(rows)} seeds")
-    for what in BASELINES:
-        ratios = [row["search"] / row[what] for row in rows if what in row]
-        if not ratios:
-            continue
-        print(
-            f"  search / {what:8s} median {median(ratios):.3f}   worst {max(ratios):.3f}   best {min(ratios):.3f}"
-        )
+    ratios = (
+        [row["search"] / row[what] for row in rows if math.isfinite(row.get(what, math.inf))]
+        for what in BASELINES
+    )
     gaps = [row["gap"] for row in rows if row.get("gap", float("nan")) >= 0.0]
-    print(f"  gap on the search's grid median {median(gaps):.1%} of {len(gaps)}")
-    print(f"  lower bound / search median {median([r['bound'] / r['search'] for r in rows]):.3f}")
-    for what in ("search planning", "bounding", "search verifying"):
-        spans = [row[what] for row in rows if what in row]
-        print(f"  {what:16s} median {median(spans):.1f} s   worst {max(spans):.1f} s", flush=True)
+    planning = [row["search planning"] for row in rows if "search planning" in row]
+    cells = *(median(ratio, ".2f") for ratio in ratios), median(gaps, ".1%")
+    print_row(tasks, family, len(rows), *cells, f"{median(planning, '.0f')} s")
 
 
 def main() -> None:
@@ -161,13 +156,15 @@ def main() -> None:
     parser.add_argument("--blend", choices=["lines", "none"], default="lines")
     parser.add_argument("--family", choices=FAMILIES, nargs="+", default=list(FAMILIES))
     arguments = parser.parse_args()
+    against = "cycle / file's order", "/ nearest stop", "/ nearest stage"
+    print_head("stops", "family", "jobs", *against, "above the bound on its grid", "planned in")
     for family in arguments.family:
         for tasks in arguments.tasks:
             rows = []
             for seed in range(arguments.first, arguments.first + arguments.seeds):
                 rows.append(row_of(arguments, seed, tasks, family))
-                print_row(seed, rows[-1])
-            print_medians(f"{tasks} {family}, {arguments.mode}, {arguments.effort}", rows)
+                tell_row(seed, rows[-1])
+            print_medians(tasks, family, rows)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from time import perf_counter
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.kinds.path.context import PathClock, PathContext
@@ -68,16 +69,20 @@ def median_us(step: Callable[[int], object], count: int) -> float:
 
 def steps() -> None:
     """Prints the cost of one step of the spring (16 joints) and of the quadratic program (14)."""
+    against = "/ numpy's pseudoinverse alone", "/ Pink"
+    print_head("step of", "joints", "time", *against)
     context, problem = scenario("choi_circles")
     motion = follow_spring(problem)
     assert isinstance(motion, PathMotion)
     spring = make_step(problem, Room(problem), exact=True, pulled=True)
     q = motion.position
-    _against_others("spring", context, problem, q, lambda k: spring(q[k], k + 1))
+    _against_others("`virtual_spring`", context, problem, q, lambda k: spring(q[k], k + 1))
     context, problem = scenario("zhang_turn")
     motion = follow_manipulability(problem)
     assert isinstance(motion, PathMotion)
-    _against_others("program", context, problem, motion.position, _program(problem, motion))
+    _against_others(
+        "`manipulability`", context, problem, motion.position, _program(problem, motion)
+    )
 
 
 def _program(problem: PathProblem, motion: PathMotion) -> Callable[[int], object]:
@@ -105,16 +110,12 @@ def _against_others(
     count = min(STEPS, problem.instants - 2)
     ours = median_us(step, count)
     plain = median_us(_plain(context, problem, q), count)
-    print(f"{what}: {q.shape[1]} joints, one step: {ours:.0f} us")
-    print(
-        f"  plain numpy pseudo-inverse (tools alone, no limits): {plain:.0f} us, ours {ours / plain:.2f} times"
-    )
     general = _pink(context, problem, q)
     if general is None:
-        print("  Pink is not installed: pip install pin-pink")
-        return
-    pink = median_us(general, min(count, 400))
-    print(f"  Pink (two frame tasks, limits, piqp): {pink:.0f} us, ours {ours / pink:.2f} times")
+        tell("Pink is left out: it is not installed (pip install pin-pink)")
+    pink = np.nan if general is None else median_us(general, min(count, 400))
+    ratio = "" if general is None else f"{ours / pink:.1f}"
+    print_row(what, q.shape[1], f"{ours:.0f} µs", f"{ours / plain:.1f}", ratio)
 
 
 def _plain(context: PathContext, problem: PathProblem, q: np.ndarray) -> Callable[[int], object]:
@@ -173,15 +174,22 @@ def springs() -> None:
     plain = follow_min_norm(problem)
     assert isinstance(plain, PathMotion)
     base = _elbows(problem, plain) - least
-    print(
+    tell(
         f"least norm: elbows {1e3 * (base + least):.1f} mm, of any posture at least {1e3 * least:.1f} mm"
     )
+    what = (
+        "elbows nearer to their points",
+        "tools differ by",
+        "share of a speed limit",
+        "waist turns",
+    )
+    print_head("K", "form", *what)
     for stiffness in (2.0, 5.0, 10.0, 15.0):
         one = replace(problem, spring=replace(problem.spring, gain=2.0 * stiffness**2))
         for name, follow in (("exact", follow_spring), ("as printed", follow_spring_damped)):
             motion = follow(one)
             if isinstance(motion, NoPath):
-                print(f"K = {stiffness:g}, {name}: {motion.reason}")
+                tell(f"K = {stiffness:g}, {name}: {motion.reason}")
                 continue
             above = _elbows(one, motion) - least
             apart = max(
@@ -191,10 +199,13 @@ def springs() -> None:
             speed = np.abs(np.diff(motion.position, axis=0)).max(axis=0) / one.step
             share = float((speed / one.limits.velocity).max())
             waist = float(np.ptp(motion.position[:, :2], axis=0).max())
-            print(
-                f"K = {stiffness:g}, {name}: above the least {1.0 - above / base:.0%} less; "
-                f"tools differ by {apart:.1e} m; "
-                f"largest share of a speed limit {share:.0%}; the waist turns by {np.rad2deg(waist):.1f} deg"
+            print_row(
+                f"{stiffness:g}",
+                name,
+                f"{1.0 - above / base:.0%}",
+                f"{apart:.1e} m",
+                f"{share:.0%}",
+                f"{np.rad2deg(waist):.1f}°",
             )
 
 
@@ -245,13 +256,12 @@ def study(starts: int) -> None:
                 row += [M.mean() / B.mean() - 1.0, (M / B).min() - 1.0]
             rows.append(row)
     found = np.array(rows)
+    print_head("manipulability against", "starts", "mean over time", "least at an instant")
     for k, name in enumerate(("Eq. 8, least velocity", "Eq. 9, least acceleration")):
         mean, worst = found[:, 2 * k], found[:, 2 * k + 1]
-        print(
-            f"manipulability against {name}, {len(found)} starts: mean over time {np.median(mean):+.1%} (median), "
-            f"{mean.min():+.1%} to {mean.max():+.1%}; at an instant never below {worst.min():+.2%}"
-        )
-    print(f"starts that both baselines follow and ours does not: {refused}")
+        span = f"{np.median(mean):+.1%} ({mean.min():+.1%} to {mean.max():+.1%})"
+        print_row(name, len(found), span, f"{worst.min():+.1%}")
+    tell(f"starts that both baselines follow and ours does not: {refused}")
 
 
 def _measure(problem: PathProblem, motion: PathMotion) -> np.ndarray:

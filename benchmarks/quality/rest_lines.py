@@ -1,6 +1,6 @@
 """Lines from rest to rest against an IPOPT optimum: the path is given, its speed is free.
 
-Run `OPENBLAS_NUM_THREADS=1 python -m benchmarks.quality.rest_lines --line 0.08 --lines 50`.
+Run `OPENBLAS_NUM_THREADS=1 python -m benchmarks.quality.rest_lines --line 0.08 0.04 --lines 50`.
 
 Lines are those of `blended_corners.py`: retracts at random targets of an SDA10F arm, with postures as the planner
 chooses them. The reference is the least time from rest to rest with the path parameter's jerk piecewise constant and
@@ -25,6 +25,7 @@ from benchmarks.quality.blended_corners import (
     polynomials,
     random_corners,
 )
+from benchmarks.tables import print_head, print_row
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -84,12 +85,22 @@ class Reference:
 def main() -> None:
     """Prints how much longer our lines take than the reference."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--line", type=float, default=0.08, help="length of a line [m]")
+    lengths = {"type": float, "nargs": "+", "default": [0.08, 0.04]}
+    parser.add_argument("--line", **lengths, help="lengths of lines [m]")
     parser.add_argument("--lines", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
+    print_head("lines", "length", "duration / optimum, median", "worst")
+    for length in given.line:
+        ratios = compared(length, given.lines, given.seed)
+        cells = f"{np.median(ratios):.4f}", f"{max(ratios):.4f}"
+        print_row(len(ratios), f"{1e3 * length:g} mm", *cells)
+
+
+def compared(length: float, count: int, seed: int) -> list[float]:
+    """Returns our durations over the reference's, of so many lines of a length [m]."""
     reference, ratios = None, []
-    for corner in islice(random_corners(given.line, given.seed), given.lines):
+    for corner in islice(random_corners(length, seed), count):
         limits, path = corner.limits, corner.retract
         line = TIMING_SOLVERS["ruckig"].line
         ours = line(LineProblem(limits.joints, path, corner.length, limits)).duration
@@ -97,8 +108,7 @@ def main() -> None:
         least = reference.solve(path, ours)
         if least is not None:
             ratios.append(ours / least)
-    median, worst = np.median(ratios), max(ratios)
-    print(f"{len(ratios)} lines: duration / optimum: median {median:.4f}, worst {worst:.4f}")
+    return ratios
 
 
 if __name__ == "__main__":

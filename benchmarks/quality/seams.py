@@ -14,11 +14,11 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
-from time import perf_counter
 
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.tables import print_head, print_row
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion, SeamProblem
@@ -83,35 +83,39 @@ SUITE: dict[str, tuple[Contour, SeamTool]] = {
 def still_and_moving(job: Job, base: SeamWork, effort: str, seed: int) -> None:
     """Prints times of seams by nominal pose, best still pose and moving part."""
     still_gains, moving_gains = [], []
-    print(
-        "seam                      nominal s   still s  moving s   nominal/still  still/moving  planning s"
-    )
+    times = "nominal pose", "best still pose", "moving part"
+    print_head("seam on a held part", *times, "nominal / still", "still / moving")
     for name, (contour, tool) in SUITE.items():
         work = replace(base, curve=FeatureCurve(contour, pin.SE3.Identity()), tool=tool)
         problem = _problem(job, work, effort, seed)
-        begin = perf_counter()
         nominal = _whole(problem, _nominal(problem))
-        middle = perf_counter()
         still = _whole(problem, SEAM_SOLVERS["still"].solve(problem))
-        last = perf_counter()
         # As the planner does where a seam may be as fast as it can.
         moving = min(still, _whole(problem, SEAM_SOLVERS["moving"].solve(problem)))
-        spent = (middle - begin, last - middle, perf_counter() - last)
         still_gains.append(nominal / still)
         moving_gains.append(still / moving)
-        print(
-            f"{name:25} {nominal:9.3f} {still:9.3f} {moving:9.3f} {nominal / still:15.2f} {still / moving:13.2f}   "
-            + " ".join(f"{one:5.1f}" for one in spent)
+        print_row(
+            name,
+            *map(told, (nominal, still, moving)),
+            *map(share, (nominal / still, still / moving)),
         )
-    print(
-        f"medians: nominal / still {median(still_gains):.2f}, still / moving {median(moving_gains):.2f}"
-    )
+    print_row("median", "", "", "", *map(share, (median(still_gains), median(moving_gains))))
+
+
+def told(seconds: float) -> str:
+    """Returns a time as the table has it."""
+    return f"{seconds:.3f} s" if np.isfinite(seconds) else "none"
+
+
+def share(ratio: float) -> str:
+    """Returns a ratio as the table has it."""
+    return f"{ratio:.2f}" if np.isfinite(ratio) else ""
 
 
 def platform(job: Job, base: SeamWork, effort: str, seed: int) -> None:
     """Prints times of seams on a part that stands in the cell, platform still and turning."""
     gains = []
-    print("part in the cell                still s  platform turning s   still/turning")
+    print_head("seam on a part in the cell", "at", "platform still", "turning", "still / turning")
     for name, (contour, tool) in SUITE.items():
         for x, y in ((0.6, -0.3), (0.8, 0.0)):
             T = pin.SE3(
@@ -125,8 +129,9 @@ def platform(job: Job, base: SeamWork, effort: str, seed: int) -> None:
             turning = min(still, _whole(problem, SEAM_SOLVERS["moving"].solve(problem)))
             if np.isfinite(still):
                 gains.append(still / turning)
-            print(f"{name:25} {x:.1f} {y:+.1f} {still:9.3f} {turning:9.3f} {still / turning:15.2f}")
-    print(f"median: still / turning {median(gains):.2f}")
+                place = f"{1e3 * x:g} mm, {1e3 * y:g} mm"
+                print_row(name, place, told(still), told(turning), share(still / turning))
+    print_row("median", "", "", "", share(median(gains)))
 
 
 def _problem(job: Job, work: SeamWork, effort: str, seed: int) -> SeamProblem:

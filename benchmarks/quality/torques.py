@@ -20,6 +20,7 @@ import toppra.algorithm
 import toppra.constraint
 
 from benchmarks.nonlinear.torque_optimum import optimal_duration
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.model.cell import Cell, Tool
@@ -120,14 +121,15 @@ def main() -> None:
             optimal.append(np.nan if least is None else shape.duration / least)
             line = straight(dynamics, columns, start, end, own)
             on_line.append(np.nan if least is None else line / least)
-    print(
-        f"{robot.name}, {given.mass:g} kg: {len(ratios)} transfers beyond their torques, {refused} without another "
-        f"shape; time / IPOPT's optimum: median {np.nanmedian(optimal):.3f}, worst {np.nanmax(optimal):.3f}, "
-        f"{np.isnan(optimal).sum()} without one; toppra's straight line, without jerk limits / IPOPT's optimum: "
-        f"median {np.nanmedian(on_line):.3f}, worst {np.nanmax(on_line):.3f}; "
-        f"time / ruckig's without torques: mean {np.mean(ratios):.3f}, median {np.median(ratios):.3f}, worst "
-        f"{max(ratios):.3f}; {np.mean(seconds):.2f} s of processor time each"
+    tell(f"{refused} without another shape, {np.isnan(optimal).sum()} without an optimum")
+    tell(
+        f"time / ruckig's without torques: median {np.median(ratios):.3f}, worst {max(ratios):.3f}"
     )
+    against = "time / IPOPT's optimum, median", "worst", "toppra's straight line, median", "worst"
+    print_head("arm", "mass", "transfers", *against, "processor time of each")
+    numbers = (np.nanmedian(optimal), np.nanmax(optimal), np.nanmedian(on_line), np.nanmax(on_line))
+    shown = (f"{number:.3f}" for number in numbers)
+    print_row(robot.name, f"{given.mass:g} kg", len(ratios), *shown, f"{np.mean(seconds):.2f} s")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.tables import print_head, print_row
+
 QUARTER = 1.5707963267948966
 LINKS = (
     ("0 0 0.089159", "0 0 0", "0 0 1", 2.0, 3.15, ("0 0.07 0", f"{QUARTER} 0 0", 0.06, 0.10)),
@@ -164,15 +166,15 @@ def main() -> None:
     parser.add_argument("--free-yaw", action="store_true")
     parser.add_argument("--waist", action="store_true")
     arguments = parser.parse_args()
-    print("job  kind            cycle      bound      processor time")
+    print_head("job", "kind", "cycle", "lower bound", "processor time")
     for seed in range(arguments.jobs):
         for kind in ("general", "parallel_axes"):
             with tempfile.TemporaryDirectory() as folder:
                 where, free, waist = Path(folder), arguments.free_yaw, arguments.waist
                 tasks = write_job(where, kind, arguments.picks, seed, free=free, waist=waist)
                 cycle, bound, spent = planned(tasks, arguments.effort)
-            told = "none      " if bound is None else f"{bound:7.3f} s "
-            print(f"{seed:3d}  {kind:14s}  {cycle:7.3f} s  {told} {spent:7.1f} s", flush=True)
+            told = "none" if bound is None else f"{bound:.3f} s"
+            print_row(seed, f"`{kind}`", f"{cycle:.3f} s", told, f"{spent:.1f} s")
 
 
 if __name__ == "__main__":

@@ -4,8 +4,8 @@ python -m benchmarks.speed.page TASKS...
 
 For each task file: processor time of planning (with verification) and of writing the page, the page's size, the time
 until the browser has drawn the first picture, and the pictures per second while the cursor of time moves. The browser
-is Chromium with software rendering, on two processors. It needs the page's packages:
-`cd dualarm_cli/page/web && npm ci --include=dev --ignore-scripts && npm run build`.
+is Chromium with software rendering, on two processors; its figures go to standard error. It needs the page's packages:
+`cd dualarm_cli/page/web && npm ci --include=dev --ignore-scripts && npm run build`, and is left out without them.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from benchmarks.tables import print_head, print_row, tell
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.page.page import page_html
@@ -66,12 +67,19 @@ def main() -> None:
     """Prints a row per job."""
     parser = argparse.ArgumentParser()
     parser.add_argument("tasks", type=Path, nargs="+")
+    print_head("job", "stages", "planned in", "page written in", "size")
     for tasks in parser.parse_args().tasks:
         with tempfile.TemporaryDirectory() as folder:
             page = Path(folder) / "report.html"
-            row = page_of(tasks, page) | speed_of(page)
-        figures = ", ".join(f"{name} {value:.3g}" for name, value in row.items())
-        print(f"{tasks.parent.name}: {figures}, load of the machine {os.getloadavg()[0]:.1f}")
+            row = page_of(tasks, page)
+            if PLAYWRIGHT.exists():
+                speed = speed_of(page).items()
+                tell(", ".join(f"{name} {value:.3g}" for name, value in speed))
+            else:
+                tell(f"without the browser: {PLAYWRIGHT} is missing")
+        times = f"{row['planning']:.1f} s", f"{row['page']:.2f} s"
+        size = f"{row['megabytes']:.1f} MB"
+        print_row(f"`{tasks.parent.name}`", f"{row['stages']:.0f}", *times, size)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
 """Whole `dualarm plan` commands of this checkout against those of another commit, in one run, one after the other.
 
 python -m benchmarks.speed.planning_time --against COMMIT [--stages 24 100] [--efforts quick normal] [--seeds 1 2 3]
-    [--repeats 5] [--cores 2] [--options="--blend none"]
+    [--jobs tasks/*/tasks.yaml] [--repeats 5] [--cores 2] [--options="--blend none"]
 
 Both are installed into a folder that is removed afterwards, with their pages and compiled functions. Every command is a
-process of its own, from its start to its files written. Jobs are those of `long_sequences.py`; a job for which the
-other commit has no plan is left out.
+process of its own, from its start to its files written. Jobs are those of `long_sequences.py` by stages and seeds, or
+the given task files in one row. A job for which the other commit has no plan is left out.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.jobs.long_sequences import write_sequence
+from benchmarks.tables import print_head, print_row, tell
 
 HERE = Path(__file__).resolve().parents[2]
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
@@ -80,21 +81,31 @@ def main() -> None:
     parser.add_argument("--stages", type=int, nargs="+", default=[24, 100])
     parser.add_argument("--efforts", nargs="+", default=["quick", "normal"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--jobs", type=Path, nargs="+", default=[], help="in place of sequences")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--options", default="", help="further options of this checkout's command")
     given = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[-given.cores :])
-    print("| stages | effort | jobs | wall before | now | ratio | processor | cycle |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    ratios = "wall, ratio", "processor time, ratio", "cycle, ratio"
+    print_head("stages", "effort", "jobs", "wall before", "now", *ratios)
     with tempfile.TemporaryDirectory() as name:
         folder, here = Path(name), Path(name) / "here"
         other = installed(given.against, folder)
         pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target"]
         subprocess.run([*pip, str(here), str(HERE)], check=True)
-        for stages in given.stages:
+        files = [path.resolve() for path in given.jobs]
+        for stages in [0] if files else given.stages:
+            jobs = files or [_sequence(folder, stages, seed) for seed in given.seeds]
             for effort in given.efforts:
-                _row(given, stages, effort, folder, (other, here))
+                _row(given, (stages, effort), jobs, folder, (other, here))
+
+
+def _sequence(folder: Path, stages: int, seed: int) -> Path:
+    """Returns the task file of a random sequence."""
+    job = folder / f"{stages}-{seed}"
+    write_sequence("sda10f", stages, seed, job)
+    return job / "tasks.yaml"
 
 
 def installed(commit: str, folder: Path) -> Path:
@@ -113,18 +124,19 @@ def installed(commit: str, folder: Path) -> Path:
 
 def _row(
     given: argparse.Namespace,
-    stages: int,
-    effort: str,
+    what: tuple[int, str],
+    jobs: list[Path],
     folder: Path,
     checkouts: tuple[Path, Path],
 ) -> None:
-    """Prints medians over seeds of medians over repeats."""
+    """Prints medians over jobs of medians over repeats; `what` are stages, 0 for any, and effort."""
+    stages, effort = what
     before, now, ratios, used, cycles = [], [], [], [], []
     options = [["--effort", effort], ["--effort", effort, *given.options.split()]]
-    for seed in given.seeds:
-        write_sequence("sda10f", stages, seed, folder / "job")
-        found = compared(checkouts, folder / "job" / "tasks.yaml", folder, options, given.repeats)
+    for job in jobs:
+        found = compared(checkouts, job, folder, options, given.repeats)
         if found is None:
+            tell(f"{job.parent.name}, {effort}: no plan")
             continue
         walls = [median(run.wall for run in runs) for runs in found]
         works = [median(run.processor for run in runs) for runs in found]
@@ -133,12 +145,17 @@ def _row(
         ratios.append(walls[1] / walls[0])
         used.append(works[1] / works[0])
         cycles.append(found[1][0].cycle / found[0][0].cycle)
+        tell(f"{job.parent.name}, {effort}: {ratios[-1]:.3f}, {used[-1]:.3f}, {cycles[-1]:.4f}")
     if before:
-        print(
-            f"| {stages} | {effort} | {len(before)} | {median(before):.1f} s | {median(now):.1f} s | "
-            f"{median(ratios):.2f} | {median(used):.2f} | {median(cycles):.4f} |",
-            flush=True,
-        )
+        walls = f"{median(before):.1f} s", f"{median(now):.1f} s"
+        spans = _span(ratios, 2), _span(used, 2), _span(cycles, 3)
+        print_row(stages or "any", effort, len(before), *walls, *spans)
+
+
+def _span(values: list[float], digits: int) -> str:
+    """Returns a median with the extremes."""
+    low, middle, high = (f"{f(values):.{digits}f}" for f in (min, median, max))
+    return middle if len(values) == 1 else f"{middle} ({low} to {high})"
 
 
 if __name__ == "__main__":
