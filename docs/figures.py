@@ -10,6 +10,8 @@ Without a step all are done, in this order:
 - `hero`: the README's picture alone; not part of a whole run.
 - `pages`: the table's numbers are written into the pages, wherever a comment names one.
 - `outputs`: the commands of all pages run, and the outputs below them get their numbers. This takes long.
+- `measurements`: the benchmarks of `docs/measurements.md` run, and their tables replace those of the page. Not part of
+  a whole run either: it takes most of an hour, and needs an idle machine with two cores.
 
 A number of a page that is not in an output has its source behind it: `31.542 s<!-- figure: 04_packing cycle_time -->`
 is the member of that row of the table in the unit and with the decimals that the page has. What a page lists by rows
@@ -20,7 +22,10 @@ the text `dualarm` of the PNG.
 from __future__ import annotations
 
 import base64
+import datetime
 import json
+import os
+import platform
 import re
 import resource
 import shlex
@@ -28,8 +33,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping
 from io import BytesIO
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +162,13 @@ NUMBER = re.compile(
     r"(?P<number>\d[\d.]*)(?P<unit>(?: [^\s<\d]+)?)<!-- figure: (?P<source>[^>]+) -->"
 )
 ROWS = re.compile(r"(<!-- rows: (\w+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+MEASUREMENTS = DOCS / "measurements.md"
+MEASURED = re.compile(
+    r"<!-- (?P<how>measured|measured alone): python -m (?P<words>[^>]+) -->\n(.*?)<!-- end -->",
+    re.DOTALL,
+)
+STATE = re.compile(r"(<!-- state -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
 UNITS = {"": 1.0, " s": 1.0, " %": 100.0, " mm": 1000.0, " ms": 1000.0}
 """Size of the SI unit in the units of the pages."""
 
@@ -362,6 +376,53 @@ def correct_outputs() -> None:
             page.write_text(blocks.correct_page(page, Path(folder), slow=True), encoding="utf-8")
 
 
+def measure() -> None:
+    """Runs all benchmarks of the measurements, and writes their tables into the page.
+
+    Two run beside each other, but those that are measured alone.
+    """
+    text = MEASUREMENTS.read_text(encoding="utf-8")
+    found = {match["words"]: match["how"] == "measured alone" for match in MEASURED.finditer(text)}
+    beside = [words for words, alone in found.items() if not alone]
+    with ThreadPool(2) as pool:
+        tables = dict(zip(beside, pool.map(measured, beside, 1), strict=True))
+    tables |= {words: measured(words) for words, alone in found.items() if alone}
+
+    def block(match: re.Match[str]) -> str:
+        head = f"<!-- {match['how']}: python -m {match['words']} -->"
+        return f"{head}\n\n{tables[match['words']]}\n<!-- end -->"
+
+    text = STATE.sub(lambda match: f"{match[1]}{state()}\n{match[3]}", MEASURED.sub(block, text))
+    MEASUREMENTS.write_text(text, encoding="utf-8")
+
+
+def measured(words: str) -> str:
+    """Runs a benchmark in the root folder; returns what it prints.
+
+    Raises:
+        subprocess.CalledProcessError: it fails.
+    """
+    command = [sys.executable, "-m", *shlex.split(words)]
+    environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(ROOT)}
+    begin = time.perf_counter()
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, check=True, text=True
+    )
+    print(f"{time.perf_counter() - begin:6.0f} s  {words}", file=sys.stderr, flush=True)
+    return done.stdout
+
+
+def state() -> str:
+    """Returns the sentence that says what was measured, when, and on which machine."""
+    git = ["git", "-C", str(ROOT), "rev-parse", "--short=8", "HEAD"]
+    commit = subprocess.run(git, capture_output=True, check=True, text=True).stdout.strip()
+    processor = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
+    name = processor[1] if processor else platform.machine()
+    day = datetime.date.today().isoformat()
+    machine = f"{os.cpu_count()} cores of {name}, Python {platform.python_version()}"
+    return f"Measured at commit {commit} on {day}: {machine}."
+
+
 def main(steps: list[str]) -> None:
     """Does the steps that are named, or a whole run."""
     with tempfile.TemporaryDirectory() as name:
@@ -374,8 +435,9 @@ def main(steps: list[str]) -> None:
             "pages": fill_pages,
             "outputs": correct_outputs,
             "hero": lambda: take_hero(folder),
+            "measurements": measure,
         }
-        for step in steps or list(does)[:-1]:
+        for step in steps or list(does)[:-2]:
             does[step]()
 
 

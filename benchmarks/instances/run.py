@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.instances import airbus, gp4, proseqqo
+from benchmarks.tables import print_head, print_row
 from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.files.tasks.tasks import load_job
@@ -63,29 +64,29 @@ def cases(folder: Path, arguments: argparse.Namespace) -> Iterator[Case]:
         yield Case("airbus", tasks, "ruckig", None)
 
 
-def measure(case: Case, effort: str) -> str:
-    """Returns the line of one job; a plan that the verifier fails ends the benchmark."""
+def measure(case: Case, effort: str) -> tuple[str, ...]:
+    """Returns the row of one job; a plan that the verifier fails ends the benchmark."""
     begin = time.perf_counter()
     try:
         job = load_job(case.tasks)
         schedule = plan_without_bound(job, PlanSettings(timing=case.timing, effort=effort))
     except DualArmError as error:
-        return f"{case.name:10s} no plan: {str(error).splitlines()[0]}"
+        return case.name, f"no plan: {str(error).splitlines()[0]}", "", "", ""
     seconds = time.perf_counter() - begin
     failures = verify(schedule, job).failures
     if failures:
         raise SystemExit(f"{case.name}: {failures}")
     own = case.reference is None
     bound = job_bound(job, effort).value if own else case.reference
-    line = f"{case.name:10s} {schedule.duration:10.6f} s   planned in {seconds:6.2f} s"
+    row = case.name, f"{schedule.duration:.3f} s", f"{seconds:.1f} s"
     if bound is None:
-        return line
+        return *row, "", ""
     kind = "lower bound" if own else "reference"
-    return f"{line}   {kind} {bound:10.6f} s {schedule.duration / bound - 1.0:+8.3%}"
+    return *row, f"{kind} {bound:.3f} s", f"{schedule.duration / bound - 1.0:+.1%}"
 
 
 def main() -> None:
-    """Prints a line per job."""
+    """Prints a row per job."""
     parser = argparse.ArgumentParser()
     families = ("proseqqo", "gp4", "airbus")
     parser.add_argument("--only", nargs="+", choices=families, default=families)
@@ -94,9 +95,10 @@ def main() -> None:
     parser.add_argument("--mode", choices=("paired", "free"), default="paired")
     parser.add_argument("--effort", choices=("quick", "normal", "thorough"), default="normal")
     arguments = parser.parse_args()
+    print_head("job", "cycle", "planned in", "compared with", "difference")
     with tempfile.TemporaryDirectory() as folder:
         for case in cases(Path(folder), arguments):
-            print(measure(case, arguments.effort), flush=True)
+            print_row(*measure(case, arguments.effort))
 
 
 if __name__ == "__main__":
