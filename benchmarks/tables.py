@@ -6,7 +6,8 @@ import sys
 
 
 def print_head(*names: str) -> None:
-    """Prints the head of a table."""
+    """Prints the head of a table, after an empty line."""
+    print()
     print_row(*names)
     print_row(*("---" for _ in names))
 

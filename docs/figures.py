@@ -390,7 +390,7 @@ def measure() -> None:
 
     def block(match: re.Match[str]) -> str:
         head = f"<!-- {match['how']}: python -m {match['words']} -->"
-        return f"{head}\n\n{tables[match['words']]}\n<!-- end -->"
+        return f"{head}\n\n{tables[match['words']].strip()}\n\n<!-- end -->"
 
     text = STATE.sub(lambda match: f"{match[1]}{state()}\n{match[3]}", MEASURED.sub(block, text))
     MEASUREMENTS.write_text(text, encoding="utf-8")

@@ -15,6 +15,7 @@ import itertools
 import json
 import re
 import sys
+import tempfile
 from collections import Counter
 from pathlib import Path
 from time import process_time
@@ -147,9 +148,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--jobs", type=int, default=300)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--folder", type=Path, default=Path("payloads"))
+    parser.add_argument("--folder", type=Path, help="for jobs and plans, kept")
     parser.add_argument("--kinds", type=int, nargs="*", help="numbers of kinds, from 0")
     given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        weighed(given, given.folder or Path(name))
+
+
+def weighed(given: argparse.Namespace, where: Path) -> None:
+    """Plans and judges jobs in a folder, and prints the table."""
     outcomes, names, largest = Counter[str](), list(BENCHES), 0.0
     count, seed = 0, given.first
     while count < given.jobs:
@@ -158,7 +165,7 @@ def main() -> None:
         if name not in LOADS or (given.kinds and kind not in given.kinds):
             seed += 1
             continue
-        folder = given.folder / str(seed)
+        folder = where / str(seed)
         folder.mkdir(parents=True, exist_ok=True)
         what = write_random_job(seed, folder)
         part, begun, share = weigh(seed, name, folder), process_time(), 0.0
