@@ -80,7 +80,7 @@ def perturbed(given: tuple[int, int, int, str]) -> tuple[int, float]:
         if moving and k % 25 == 0:
             _, plan = with_best_launches(launched, plan)
         lengths.append(plan.total)
-    return len(lengths), bound / min(lengths)
+    return len(lengths), bound / min(lengths, default=np.inf)
 
 
 def main() -> int:

@@ -86,6 +86,18 @@ def test_a_picture_shows_what_the_table_has(picture: Path) -> None:
         assert json.loads(carried) == figures.shown(ROWS[name])
 
 
+def test_every_measurement_is_of_a_benchmark_and_made() -> None:
+    """Each names a module of `benchmarks/`, and has its table below."""
+    text = figures.MEASUREMENTS.read_text(encoding="utf-8")
+    found = list(figures.MEASURED.finditer(text))
+    assert len(found) == text.count("<!-- measured")
+    for match in found:
+        module = match["words"].split()[0]
+        assert (ROOT / f"{module.replace('.', '/')}.py").exists()
+        assert "| --- |" in match[0], "python docs/figures.py measurements"
+    assert re.search(r"Measured at commit \w{8} on 20\d\d-\d\d-\d\d", text)
+
+
 def test_every_drawing_has_its_command_on_a_page() -> None:
     assert {figure.name for figure in DOCS.glob("*.png")} == set(figures.DRAWINGS)
     text = "\n".join(page.read_text(encoding="utf-8") for page in figures.PAGES)
