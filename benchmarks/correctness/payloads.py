@@ -155,7 +155,7 @@ def main() -> None:
         weighed(given, given.folder or Path(name))
 
 
-def weighed(given: argparse.Namespace, where: Path) -> None:
+def weighed(given: argparse.Namespace, jobs: Path) -> None:
     """Plans and judges jobs in a folder, and prints the table."""
     outcomes, names, largest = Counter[str](), list(BENCHES), 0.0
     count, seed = 0, given.first
@@ -165,7 +165,7 @@ def weighed(given: argparse.Namespace, where: Path) -> None:
         if name not in LOADS or (given.kinds and kind not in given.kinds):
             seed += 1
             continue
-        folder = where / str(seed)
+        folder = jobs / str(seed)
         folder.mkdir(parents=True, exist_ok=True)
         what = write_random_job(seed, folder)
         part, begun, share = weigh(seed, name, folder), process_time(), 0.0

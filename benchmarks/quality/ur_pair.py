@@ -150,7 +150,8 @@ def planned(tasks: Path, effort: str) -> tuple[float, float | None, float]:
     out = tasks.parent / "plan"
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-m", "dualarm_cli", "plan", str(tasks), "--out", str(out)]
-    subprocess.run([*command, "--force", "--quiet", "--effort", effort], check=True)
+    words = [*command, "--force", "--quiet", "--effort", effort]
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     report = json.loads((out / "report.json").read_text())
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
