@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from dualarm_cli.files.robots.notes import robot_note
-from dualarm_cli.files.robots.robot_joints import file_arms, joint_position
-from dualarm_cli.files.robots.schema_robot import RobotFile
 from dualarm_cli.files.robots.urdf import MOVING_TYPES, UNLIMITED, Urdf, UrdfJoint, soft_range
 from dualarm_cli.files.robots.urdf_tree import Element
-from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.text_source import quote, suggest
-from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.notes import Note, listed
+
+if TYPE_CHECKING:
+    from dualarm_cli.files.robots.schema_robot import RobotFile
+    from dualarm_cli.files.source.diagnostics import Findings
+    from dualarm_cli.files.source.yaml_source import Document, Loc
 
 
 def frozen_positions(
@@ -130,6 +132,9 @@ def _position(
         message = f"{quote(joint.name)} mimics {quote(leader)}; give that joint's position"
         findings.add(document, loc, message, key=True)
         return None
+    # The page of a plan uses this module without the readers of files.
+    from dualarm_cli.files.robots.robot_joints import joint_position
+
     slides, limits = joint.get("type") == "prismatic", position_range(joint)
     frozen = UrdfJoint(joint.name, slides, *limits, velocity=0.0)
     return joint_position(document, loc, value, frozen, findings)
@@ -142,6 +147,8 @@ def _check_chains(
 
     The kinematics has no joints that follow others.
     """
+    from dualarm_cli.files.robots.robot_joints import file_arms
+
     for side, arm in file_arms(model).items():
         for name in urdf.chain(arm.flange) if arm.flange in urdf.links else []:
             leader = leader_of(urdf, name)
