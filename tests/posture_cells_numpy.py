@@ -26,6 +26,8 @@ TINY = 1e-5
 """Distance of wrist and shoulder below which no direction between them is known [m]."""
 APART = 2.0
 """Ranges of one joint whose middles are this far apart are not put into one cell [rad]."""
+SPLITS, MARGINAL = 2, 8
+"""Cells of an interval with at most one in MARGINAL possible parts are split, SPLITS times in each direction."""
 SHARES = 64
 """Into so many shares the differences of the arm angle within a part are cut."""
 SHOULDER, WRIST = (0, 1, 2), (6, 5, 4)
@@ -449,21 +451,17 @@ def pose_cells(
         corners = _corners(arm, R, point, intervals, parts)
         bends = bends_of(arm, shape_of(arm, R, point, intervals), half(intervals), parts)
         made.append((corners, bends, spans_of(corners, bends, h)))
-    low, high = made[0][2]
-    odd = np.arange(7).reshape(7, 1, 1) % 2 == 1
-    offset = np.where(odd, arm.canonical.offset.reshape(7, 1, 1), 0.0)
-    low, high = (
-        np.where(odd, np.maximum(low, 0.0), low),
-        np.where(odd, np.minimum(high, np.pi), high),
-    )
-    found = Enclosures(
-        np.stack([low - offset, np.where(odd, -high - offset, low + np.pi)], axis=1),
-        np.stack([high - offset, np.where(odd, -low - offset, high + np.pi)], axis=1),
-    )
-    if free_last:
-        found.low[6], found.high[6] = -np.inf, np.inf
-    first, second = _within_limits(found, arm.lower, arm.upper)
-    cells, part, psi = _every_branch(first, second, intervals, finer)
+    first, second = _limited(arm, made[0][2], free_last)
+    possible = _possible(first)
+    for c in range(len(possible)):
+        if MARGINAL * possible[c].any(axis=1).sum() <= parts:
+            ends = np.linspace(intervals.low[c], intervals.high[c], SPLITS + 1)
+            split = AngleCells(np.zeros(SPLITS, dtype=np.int64), ends[:-1], ends[1:])
+            corners = _corners(arm, R, p, split, SPLITS * parts)
+            bends = bends_of(arm, shape_of(arm, R, p, split), half(split), SPLITS * parts)
+            spans = spans_of(corners, bends, (half(split), np.pi / (SPLITS * parts)))
+            possible[c] &= _possible(_limited(arm, spans, free_last)[0]).any(axis=(0, 1))
+    cells, part, psi = _every_branch(possible, first, second, intervals, finer)
     times = np.zeros((len(intervals.index), parts))
     if line is not None:
         for c in range(len(times)):
@@ -486,6 +484,36 @@ def pose_cells(
     needed = np.full((int(intervals.index.max()) // finer + 1, resolution.arm_angles), np.inf)
     np.minimum.at(needed, (intervals.index[part] // finer, psi // finer), times[part, psi])
     return replace(merged.cells, line=needed[merged.cells.index, merged.part])
+
+
+def _limited(
+    arm: SrsArm, spans: tuple[FloatArray, FloatArray], free_last: bool
+) -> tuple[_Ranges, _Ranges]:
+    """Returns the joints' spans of both branches within limits, on up to two turns."""
+    low, high = spans
+    odd = np.arange(7).reshape(7, 1, 1) % 2 == 1
+    offset = np.where(odd, arm.canonical.offset.reshape(7, 1, 1), 0.0)
+    low, high = (
+        np.where(odd, np.maximum(low, 0.0), low),
+        np.where(odd, np.minimum(high, np.pi), high),
+    )
+    found = Enclosures(
+        np.stack([low - offset, np.where(odd, -high - offset, low + np.pi)], axis=1),
+        np.stack([high - offset, np.where(odd, -low - offset, high + np.pi)], axis=1),
+    )
+    if free_last:
+        found.low[6], found.high[6] = -np.inf, np.inf
+    return _within_limits(found, arm.lower, arm.upper)
+
+
+def _possible(first: _Ranges) -> BoolArray:
+    """Returns whether all joints of a branch can be within limits, shape (c, k, 8)."""
+    branches = np.arange(8)
+    possible = np.ones((*first.low.shape[2:], 8), dtype=np.bool_)
+    for joint in range(7):
+        flip = flips(joint, branches).astype(np.int64)
+        possible &= np.moveaxis(first.meets[joint][flip], 0, -1)
+    return possible
 
 
 @dataclass(frozen=True)
@@ -548,14 +576,11 @@ def _within_limits(
 
 
 def _every_branch(
-    first: _Ranges, second: _Ranges, intervals: AngleCells, finer: int
+    possible: BoolArray, first: _Ranges, second: _Ranges, intervals: AngleCells, finer: int
 ) -> tuple[Cells, IntArray, IntArray]:
     """Returns the fine cells of all branches and turns, their intervals and their parts of the circle."""
     branches = np.arange(8)
-    possible = np.ones((*first.low.shape[2:], 8), dtype=np.bool_)
     flip = np.stack([flips(joint, branches).astype(np.int64) for joint in range(7)])
-    for joint in range(7):
-        possible &= np.moveaxis(first.meets[joint][flip[joint]], 0, -1)
     part, psi, branch = np.nonzero(possible)
     joints = np.arange(7)[:, None]
     places = (joints, flip[:, branch], part, psi)

@@ -87,9 +87,10 @@ def pose_cells(
     """Compute cells that cover every posture at a fixed flange pose, over platform angles.
 
     Joints are enclosed on fine cells and clipped to their limits; cells with a joint outside its limits are dropped. A
-    joint that meets its limits in two turns gives a cell for each. Fine cells of the same branch and turn are then
-    enclosed together: any grouping of a cover is a cover, and the excess of the enclosures shrinks with the square of
-    the fine cells' size.
+    joint that meets its limits in two turns gives a cell for each. Where at most one in eight fine cells of an interval
+    of the platform angle remains, the interval and the circle are cut once more, and a branch needs a fine cell there
+    as well: every posture lies in one. Fine cells of the same branch and turn are then enclosed together: any grouping
+    of a cover is a cover, and the excess of the enclosures shrinks with the square of the fine cells' size.
 
     Over each interval of the platform angle the arm plane is carried along from the middle by the smallest rotation of
     the shoulder-wrist line, and the circle of elbows is cut into equal parts: a box in (phi, psi). Joints 1 and 2 are

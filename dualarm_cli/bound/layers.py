@@ -18,7 +18,7 @@ from dualarm_cli.bound.cells import (
 )
 from dualarm_cli.bound.stretched_lines import line_bounds
 from dualarm_cli.effort import Resolution
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from dualarm_cli.records import dataclass
@@ -44,21 +44,24 @@ class StopReach:
 
     For arms with an arm angle only.
     """
-    parts: BoolArray
-    """Mask of platform parts that reach both ends with the same yaw, shape (f,)."""
+    span: FloatArray
+    """Range of each platform part from which both ends are in reach with the same yaw [rad], shape (2, f).
+
+    Its low end is infinite, and above the high one, if there is none.
+    """
     free_last: bool
     """Flag of a free last joint: yaw turns it alone."""
 
-    def within(self, parts: BoolArray) -> StopReach:
-        """Restrict the reach to a mask of parts."""
-        ends = tuple(
-            (
-                approach.take(np.flatnonzero(parts[approach.index])),
-                retract.take(np.flatnonzero(parts[retract.index])),
-            )
-            for approach, retract in self.ends
-        )
-        return replace(self, ends=ends, parts=self.parts & parts)
+    def within(self, low: FloatArray, high: FloatArray) -> StopReach:
+        """Restrict the reach to a range of each platform part [rad], shape (f,) each."""
+
+        def restricted(cells: AngleCells) -> AngleCells:
+            begin = np.maximum(cells.low, low[cells.index])
+            end = np.minimum(cells.high, high[cells.index])
+            return AngleCells(cells.index, begin, end).take(np.flatnonzero(begin <= end))
+
+        ends = tuple((restricted(approach), restricted(retract)) for approach, retract in self.ends)
+        return replace(self, ends=ends)
 
 
 @dataclass(frozen=True)
@@ -154,16 +157,17 @@ class StopCells:
         """
         arms = [a for a, arm in enumerate(self.problem.arms) if arm.stops[stage] is not None]
         reach = {a: self.reach(a, stage) for a in arms}
-        shared = np.logical_and.reduce([each.parts for each in reach.values()])
-        return {a: self.work(a, stage, reach[a].within(shared)) for a in arms}
+        low, high = np.stack([each.span for each in reach.values()], axis=1)
+        shared = low.max(axis=0), high.min(axis=0)
+        return {a: self.work(a, stage, reach[a].within(*shared)) for a in arms}
 
     def reach(self, a: int, stage: int) -> StopReach:
-        """Select the parts of platform cells from which an arm reaches its stop."""
+        """Compute the platform angles from which an arm reaches its stop."""
         problem = self.problem
         work = problem.arms[a]
         stop = work.stops[stage]
         assert stop is not None  # callers pass active stages only
-        every = np.ones(len(self.parts) - 1, dtype=np.bool_)
+        every = np.stack([self.parts[:-1], self.parts[1:]])
         yaw_is_free = stop.configurations is None and (stop.free_yaw or len(stop.yaw) > 1)
         free_last = yaw_is_free and work.last_axis_is_tools and not stop.lines_turn
         if stop.configurations is not None or (stop.free_yaw and not free_last):
@@ -176,10 +180,8 @@ class StopCells:
         if not work.kinematics.has_arm_angle:
             return StopReach(poses, (), every, free_last)
         ends = tuple(_ends_within_reach(work.closed_form, stop, pose, self.parts) for pose in poses)
-        parts = np.zeros_like(every)
-        for approach, retract in ends:
-            parts[np.intersect1d(approach.index, retract.index)] = True
-        return StopReach(poses, ends, parts, free_last)
+        low, high = np.stack([_ranges(*pair, every.shape[1]) for pair in ends], axis=1)
+        return StopReach(poses, ends, np.stack([low.min(axis=0), high.max(axis=0)]), free_last)
 
     def work(self, a: int, stage: int, reach: StopReach) -> StopWork:
         """Compute the posture cells at both ends of one arm's stop.
@@ -246,6 +248,20 @@ def _ends_within_reach(
         for _, outer in _lines(stop, pose)
     ]
     return ends[0], ends[-1]
+
+
+def _ranges(approach: AngleCells, retract: AngleCells, count: int) -> FloatArray:
+    """Compute the range of each platform part that reaches both ends [rad], shape (2, count).
+
+    Its low end is infinite, and above the high one, if there is none.
+    """
+    low, high = np.full((2, count), np.inf), np.full((2, count), -np.inf)
+    for end, cells in enumerate((approach, retract)):
+        np.minimum.at(low[end], cells.index, cells.low)
+        np.maximum.at(high[end], cells.index, cells.high)
+    both = np.stack([low.max(axis=0), high.min(axis=0)])
+    both[:, both[0] > both[1]] = [[np.inf], [-np.inf]]
+    return both
 
 
 def _lines(stop: StopTarget, pose: Pose) -> list[tuple[float, FloatArray]]:

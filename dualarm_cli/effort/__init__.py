@@ -277,7 +277,7 @@ class Resolution:
     """Number of parts of the elbow circle."""
     finer: int
     """Subdivision factor, in both directions, of cells on which joints are enclosed."""
-    late: float = 0.2
+    late: float = 0.3
     """Time beyond the least of a line up to which its displacements are enclosed [s]."""
 
 

@@ -334,6 +334,25 @@ class Pairs:
     def _laws(self) -> Laws:
         return self.table.laws(self.without)
 
+    @cached_property
+    def _speeds(self) -> tuple[Times, ...]:
+        """Greatest shares of full speed after the lines before, after, and after by runs, (laws, n) each."""
+        chains, line = self.table.chains, self.after.line
+        assert chains is not None  # only motions that pass have speeds
+        of_runs = np.maximum.reduceat(line, self.after.first_of_runs)
+        return tuple(map(chains.speeds, (self.before.line, line, of_runs)))
+
+    @cached_property
+    def _line_ends(self) -> tuple[LineEnds, LineEnds]:
+        """Both ends of lines in the same platform cell."""
+        laws = self.table.line_laws(self.without)
+        return self.before.ends(self._cells, laws), self.after.ends(self._cells, laws)
+
+    @property
+    def _cells(self) -> int:
+        """Number of platform cells up to the last one with boxes."""
+        return 1 + int(max(self.before.index[-1], self.after.index[-1]))
+
     def _chains(self, onward: Times, from_target: bool) -> JointChains | None:
         """Prepare the chains of joints for the compiled functions, or None."""
         before, after, chains = self.before, self.after, self.table.chains
@@ -341,11 +360,9 @@ class Pairs:
             return None
         displacements = before.displacement if from_target else None, after.displacement
         lines = (before.line, before.late), (after.line, after.late)
-        of_runs = np.maximum.reduceat(after.line, after.first_of_runs)
-        speeds = tuple(map(chains.speeds, (before.line, after.line, of_runs)))
         rate = chains.law.rest_law.acceleration.astype(np.float32)
         laws = chains.times, rate, chains.number, self.table.step
-        return JointChains.of(displacements, lines, speeds, onward, laws)
+        return JointChains.of(displacements, lines, self._speeds, onward, laws)
 
     def by_cells(self, work: Times, onward: Times, cells: int) -> Times:
         """Compute the minimum transfer plus work between platform cells [s], shape (g, g).
@@ -387,11 +404,9 @@ class Pairs:
             rest: remaining time after each cell at a line's end [s], shape (m,).
             turned: the same, no less than `rest`, where both lines take their least times.
         """
-        cells = 1 + int(max(self.before.index[-1], self.after.index[-1]))
-        laws = self.table.line_laws(self.without)
         longer = np.subtract(turned, rest, out=np.zeros_like(rest), where=np.isfinite(rest))
-        ends = self.before.ends(cells, laws), self.after.ends(cells, laws)
-        return least_work(laws, *ends, cells, (self.after.line + longer, rest))
+        laws, rests = self.table.line_laws(self.without), (self.after.line + longer, rest)
+        return least_work(laws, *self._line_ends, self._cells, rests)
 
     def least_in_cell(self, times: Times) -> Times:
         """Select the least time in the platform cell of each begin [s], shape (n,).
@@ -399,8 +414,7 @@ class Pairs:
         Args:
             times: time of each cell at a motion's end [s], shape (m,).
         """
-        cells = 1 + int(max(self.before.index[-1], self.after.index[-1]))
         present, first = np.unique(self.after.index, return_index=True)
-        least = np.full(cells, np.inf, dtype=np.float32)
+        least = np.full(self._cells, np.inf, dtype=np.float32)
         least[present] = np.minimum.reduceat(times, first)
         return least[self.before.index]

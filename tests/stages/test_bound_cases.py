@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 
 from dualarm_cli.bound import bound as bound_pairs
 from dualarm_cli.bound.bound import lower_bound, platform_edges
-from dualarm_cli.bound.cells import finer_edges, free_cells, point_cells, pose_cells
+from dualarm_cli.bound.cells import free_cells, point_cells, pose_cells
 from dualarm_cli.bound.layers import StopCells, StopReach, StopWork
 from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
@@ -277,12 +277,21 @@ def test_every_posture_that_a_stage_can_have_lies_in_its_cells(
             for a in (0, 1):
                 grid, reach, boxes = looked_at[a, stage]
                 edges, table = grid.edges, grid.tables[a]
-                part = np.searchsorted(finer_edges(edges, grid.resolution.finer), phi) - 1
-                assert reach.parts[part[together]].all()
-                every = np.arange(len(reach.parts))
-                ends_of = [[np.isin(every, end.index) for end in both] for both in reach.ends]
-                assert (reach.parts == np.any(np.all(ends_of, axis=1), axis=0)).all()
-                left_out += int((can[a] & ~reach.parts[part]).sum())
+                within = np.any(
+                    [
+                        np.all(
+                            [
+                                ((end.low <= phi[:, None]) & (phi[:, None] <= end.high)).any(axis=1)
+                                for end in both
+                            ],
+                            axis=0,
+                        )
+                        for both in reach.ends
+                    ],
+                    axis=0,
+                )
+                assert within[together].all()
+                left_out += int((can[a] & ~within).sum())
                 cell = np.searchsorted(edges, phi) - 1
                 for both in each[a]:
                     for cells, (joints, ok) in zip(
@@ -309,7 +318,7 @@ def test_cells_that_one_arm_reaches_alone_make_no_bound_better(
 
     def from_everywhere(*given: object) -> object:
         reach = reach_of(*given)
-        return replace(reach, parts=np.ones_like(reach.parts))
+        return replace(reach, span=np.full_like(reach.span, np.inf) * [[-1.0], [1.0]])
 
     for seed in range(4):
         problem = random_problem(seed, (4, 4), line=0.05)
@@ -340,8 +349,9 @@ def test_where_arms_share_no_angle_there_is_no_plan(random_problem: Problems) ->
         arms = moved(one, 1.3, 0.0), moved(other, 1.3, turn)
         pair = replace(problem, arms=arms)
         grid = StopCells(pair, edges, Resolution(0.5, 9, 1))
-        masks = [grid.reach(a, 0).parts for a in (0, 1)]
-        if not masks[0].any() or not masks[1].any() or (masks[0] & masks[1]).any():
+        low, high = np.stack([grid.reach(a, 0).span for a in (0, 1)], axis=1)
+        shared = low.max(axis=0) <= high.min(axis=0)
+        if not (low <= high).any(axis=1).all() or shared.any():
             continue
         apart += 1
         assert lower_bound(pair, "quick").value == np.inf

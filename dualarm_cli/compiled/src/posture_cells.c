@@ -10,6 +10,9 @@
 
 enum { MAX_VARIANTS = 1 << JOINTS };
 
+/* Splits of cells in each direction, and the number of fine cells per possible one from which on they are split. */
+enum { SPLITS = 2, MARGINAL = 8 };
+
 /* Least distance of the middles of two joint ranges on different turns [rad]. */
 static const double TURN_DISTANCE = 2.0;
 
@@ -99,13 +102,13 @@ static int is_possible(const Box *box, int branch)
     return possible;
 }
 
-/* Check whether any branch is possible. */
-static uint8_t has_possible_branch(const Box *box)
+/* Select the possible branches, as bits. */
+static uint8_t possible_branches(const Box *box)
 {
-    int any = 0;
+    int possible = 0;
     for (int branch = 0; branch < BRANCHES; branch++)
-        any |= is_possible(box, branch);
-    return (uint8_t)any;
+        possible |= is_possible(box, branch) << branch;
+    return (uint8_t)possible;
 }
 
 /* Enclosures of the fine cells of one branch and part of the circle, one for each combination of turns. */
@@ -200,13 +203,38 @@ static void compute_circle(const Arm *arm, const double *R, const double *p, dou
     compute_spans(circle->parts, circle->h, circle->corner, circle->bends, circle->span);
 }
 
-/* Allocate both circles; return 0 if out of memory. */
-static int allocate_circles(int64_t parts, Circle circle[2])
+/* Select the branches with postures within limits over an interval of the platform angle, as bits.
+
+   Where few fine cells are possible, enclosures alone may reach into the limits: cells are split. split: a circle of
+   SPLITS times as many parts, and its boxes. possible: branches of each fine cell, (parts,). */
+static uint8_t branches_within_limits(const Arm *arm, const double *R, const double *p, int free_last, double low,
+                                      double high, const uint8_t *possible, int64_t parts, Circle *split, Box *box)
+{
+    int64_t count = 0;
+    int branches = 0, found = 0;
+    for (int64_t k = 0; k < parts; k++) {
+        branches |= possible[k];
+        count += possible[k] != 0;
+    }
+    if (MARGINAL * count > parts)
+        return (uint8_t)branches;
+    for (int i = 0; i < SPLITS && found != branches; i++) {
+        const double begin = low + (high - low) * i / SPLITS;
+        compute_circle(arm, R, p, begin, i + 1 < SPLITS ? low + (high - low) * (i + 1) / SPLITS : high, split);
+        compute_boxes(arm, free_last, split, box);
+        for (int64_t k = 0; k < split->parts; k++)
+            found |= possible_branches(box + k);
+    }
+    return (uint8_t)(found & branches);
+}
+
+/* Allocate the circles of both ends, and one for split cells; return 0 if out of memory. */
+static int allocate_circles(int64_t parts, Circle circle[3])
 {
     int allocated = 1;
-    for (int end = 0; end < 2; end++) {
-        const size_t n = (size_t)parts;
-        circle[end] = (Circle){.parts = parts,
+    for (int end = 0; end < 3; end++) {
+        const size_t n = (size_t)(end == 2 ? SPLITS * parts : parts);
+        circle[end] = (Circle){.parts = (int64_t)n,
                                .corner = malloc(sizeof(double) * 2 * n * JOINTS),
                                .bends = malloc(sizeof(Bends) * n),
                                .span = malloc(sizeof(Span) * n * JOINTS),
@@ -232,12 +260,13 @@ int posture_cells(const Arm *arm, const double *R, const double *p, const double
         begin = i && intervals->cell[i] == intervals->cell[i - 1] ? begin : i;
         max_intervals = i - begin + 1 > max_intervals ? i - begin + 1 : max_intervals;
     }
-    Circle circle[2];
-    Box *box = malloc(sizeof(Box) * (size_t)(max_intervals * fine));
+    Circle circle[3];
+    Box *box = malloc(sizeof(Box) * (size_t)((max_intervals + SPLITS) * fine));
+    uint8_t *possible = malloc((size_t)(max_intervals * fine));
     double *line_time = malloc(sizeof(double) * (size_t)parts);
     Displacements *displacements = malloc(sizeof(Displacements) * (size_t)parts);
     Enclosures *enclosures = malloc(sizeof(Enclosures));
-    int failed = !allocate_circles(fine, circle) || !box || !line_time || !displacements || !enclosures;
+    int failed = !allocate_circles(fine, circle) || !box || !possible || !line_time || !displacements || !enclosures;
     cells->count = 0;
     for (int64_t first = 0, end; !failed && first < intervals->count; first = end) {
         for (int64_t part = 0; part < parts; part++) {
@@ -251,11 +280,18 @@ int posture_cells(const Arm *arm, const double *R, const double *p, const double
             const double low = intervals->low[end], high = intervals->high[end];
             compute_circle(arm, R, p, low, high, circle);
             compute_boxes(arm, (int)free_last, circle, box + (end - first) * fine);
+            uint8_t *interval_possible = possible + (end - first) * fine;
+            for (int64_t k = 0; k < fine; k++)
+                interval_possible[k] = possible_branches(box + (end - first) * fine + k);
+            const uint8_t within = branches_within_limits(arm, R, p, (int)free_last, low, high, interval_possible, fine,
+                                                          circle + 2, box + max_intervals * fine);
+            for (int64_t k = 0; k < fine; k++)
+                interval_possible[k] &= within;
             if (!law->steps)
                 continue;
             compute_circle(arm, R, target, low, high, circle + 1);
             for (int64_t k = 0; k < fine; k++)
-                circle->needs_line[k] = has_possible_branch(box + (end - first) * fine + k);
+                circle->needs_line[k] = interval_possible[k];
             failed |= lower_line_times(law, (int)free_last, circle, circle + 1, refinement, intervals->line[end],
                                        line_time, displacements);
         }
@@ -268,19 +304,20 @@ int posture_cells(const Arm *arm, const double *R, const double *p, const double
                         double low[JOINTS + 1], high[JOINTS + 1];
                         low[JOINTS] = intervals->low[i];
                         high[JOINTS] = intervals->high[i];
-                        if (is_possible(fine_box, branch))
+                        if (possible[(i - first) * fine + k] >> branch & 1)
                             enclose_turns(enclosures, fine_box, branch, 0, low, high);
                     }
                 append_cells(enclosures, intervals->cell[first], branch, line_time[part], displacements + part, cells);
             }
     }
-    for (int k = 0; k < 2; k++) {
+    for (int k = 0; k < 3; k++) {
         free(circle[k].corner);
         free(circle[k].bends);
         free(circle[k].span);
         free(circle[k].needs_line);
     }
     free(box);
+    free(possible);
     free(line_time);
     free(displacements);
     free(enclosures);

@@ -263,47 +263,42 @@ enum { REST_TO_TURN, REST_TO_REST, REST_TO_ANY, TURN_TO_ANY, TURN_TO_TURN, MOTIO
 /* Table steps of transfer times per entry of the chains' tables. */
 enum { STEPS_PER_ENTRY = 4 };
 
-/* Least times of the chains from one cell to TILE others [s]: from target to approach, from retract to target, and from
+/* Least times of the chains from one cell to another [s]: from target to approach, from retract to target, and from
    target to target; 0 for none. */
 typedef struct {
-    float to_approach[TILE], from_retract[TILE], whole[TILE];
+    float to_approach, from_retract, whole;
 } ChainTimes;
 
 /* Raise the times of chains by one joint that first rises, or first falls if the arguments are mirrored.
 
-   out: least displacement on the retract, away from the target, or -1. rise, fall: on the approaches, or -1.
-   low, high: of the goals; `here_low` and `here_high` of the start. sign: -1 if mirrored. */
-static void raise_by_joint(const Chains *chains, const float *table, int out, const int16_t *rise, const int16_t *fall,
-                           const int16_t *low, const int16_t *high, int here_low, int here_high, int sign,
-                           int64_t count, ChainTimes *times)
+   out: least displacement on the retract, away from the target, or -1. rise, fall: on the approach, or -1.
+   least, most: displacements of the transfer. */
+static inline void raise_by_joint(const Chains *chains, const float *table, int out, int rise, int fall, int least,
+                                  int most, ChainTimes *times)
 {
     const int64_t last = chains->entries - 1;
-    for (int64_t j = 0; j < count; j++) {
-        const int least = sign * (sign > 0 ? low[j] - here_high : high[j] - here_low);
-        const int most = sign * (sign > 0 ? high[j] - here_low : low[j] - here_high);
-        const int up = least > 0 ? least : 0, down = most < 0 ? -most : 0;
+    const int up = least > 0 ? least : 0, down = most < 0 ? -most : 0;
 #define TIME(kind, distance)                                                                                          \
     table[(kind) * chains->entries + ((distance) / STEPS_PER_ENTRY < last ? (distance) / STEPS_PER_ENTRY : last)]
-        float to_approach = 0.0F, from_retract = 0.0F, whole = 0.0F;
-        if (out >= 0) {
-            to_approach = down ? TIME(REST_TO_TURN, out) + TIME(TURN_TO_ANY, down) : up ? TIME(REST_TO_ANY, out + up) : 0.0F;
-            if (fall[j] >= 0)
-                whole = TIME(REST_TO_TURN, out + up) + TIME(REST_TO_TURN, fall[j] + down);
-            const int net = rise[j] >= 0 ? out + rise[j] + least : 0;
-            if (rise[j] >= 0 && down)
-                whole = fmaxf(whole, TIME(REST_TO_TURN, out) + TIME(TURN_TO_TURN, down) + TIME(REST_TO_TURN, rise[j]));
-            else if (net > 0)
-                whole = fmaxf(whole, TIME(REST_TO_REST, net));
-        }
-        if (up && fall[j] >= 0)
-            from_retract = TIME(TURN_TO_ANY, up) + TIME(REST_TO_TURN, fall[j]);
-        if (up && rise[j] >= 0)
-            from_retract = fmaxf(from_retract, TIME(REST_TO_ANY, up + rise[j]));
-        times->to_approach[j] = fmaxf(times->to_approach[j], to_approach);
-        times->from_retract[j] = fmaxf(times->from_retract[j], from_retract);
-        times->whole[j] = fmaxf(times->whole[j], whole);
-#undef TIME
+    float to_approach = 0.0F, from_retract = 0.0F, whole = 0.0F;
+    if (out >= 0) {
+        to_approach = down ? TIME(REST_TO_TURN, out) + TIME(TURN_TO_ANY, down) : up ? TIME(REST_TO_ANY, out + up) : 0.0F;
+        if (fall >= 0)
+            whole = TIME(REST_TO_TURN, out + up) + TIME(REST_TO_TURN, fall + down);
+        const int net = rise >= 0 ? out + rise + least : 0;
+        if (rise >= 0 && down)
+            whole = fmaxf(whole, TIME(REST_TO_TURN, out) + TIME(TURN_TO_TURN, down) + TIME(REST_TO_TURN, rise));
+        else if (net > 0)
+            whole = fmaxf(whole, TIME(REST_TO_REST, net));
     }
+    if (up && fall >= 0)
+        from_retract = TIME(TURN_TO_ANY, up) + TIME(REST_TO_TURN, fall);
+    if (up && rise >= 0)
+        from_retract = fmaxf(from_retract, TIME(REST_TO_ANY, up + rise));
+    times->to_approach = fmaxf(times->to_approach, to_approach);
+    times->from_retract = fmaxf(times->from_retract, from_retract);
+    times->whole = fmaxf(times->whole, whole);
+#undef TIME
 }
 
 /* Compute the least time of a joint for a distance between shares of full speed that it may not exceed [s].
@@ -371,40 +366,39 @@ static void raise_by_speeds(const Laws *laws, const Chains *chains, const float 
     }
 }
 
-/* Raise the totals of transfers from cell i to `count` cells from `begin` on by chains, at most TILE.
+/* Raise the totals of transfers from cell i to `count` cells from `begin` on by chains.
 
    time: of the transfers. total: with all that follows, beginning after the retract with a chain from the target before.
-   plain: with chains that begin after the retract only. */
+   plain: with chains that begin after the retract only. most: totals and plain totals from which on they are left. */
 static void raise_by_chains(const Laws *laws, const Chains *chains, Boxes from, int64_t i, Boxes to, int64_t begin,
-                            int64_t count, const float *arrival, const float *time, float *total, float *plain)
+                            int64_t count, const float *arrival, const float *time, const float most[2], float *total,
+                            float *plain)
 {
-    ChainTimes times;
-    for (int64_t j = 0; j < count; j++)
-        times.to_approach[j] = times.from_retract[j] = times.whole[j] = 0.0F;
-    for (int32_t c = 0; c < laws->end[laws->classes - 1]; c++) {
-        const int64_t column = laws->column[c], goals = column * to.count + begin;
-        if (chains->law[column] < 0)
-            continue;
-        const float *table = chains->table + chains->law[column] * MOTIONS * chains->entries;
-        for (int mirrored = 0; mirrored < 2; mirrored++) {
-            /* A retract rises where its line towards the target falls. */
-            const int out =
-                chains->before ? chains->before[((1 - mirrored) * chains->coordinates + column) * from.count + i] : -1;
-            const int16_t *rise = chains->after + mirrored * chains->coordinates * to.count + goals;
-            const int16_t *fall = chains->after + (1 - mirrored) * chains->coordinates * to.count + goals;
-            raise_by_joint(chains, table, out, rise, fall, to.low + goals, to.high + goals,
-                           from.low[column * from.count + i], from.high[column * from.count + i], mirrored ? -1 : 1,
-                           count, &times);
-        }
-    }
     const float retract = chains->before ? chains->retract[i] : 0.0F;
     for (int64_t j = 0; j < count; j++) {
+        if (total[j] >= most[0] && plain[j] >= most[1])
+            continue;
+        ChainTimes times = {0.0F, 0.0F, 0.0F};
+        for (int32_t c = 0; c < laws->end[laws->classes - 1]; c++) {
+            const int64_t column = laws->column[c], goal = column * to.count + begin + j;
+            if (chains->law[column] < 0)
+                continue;
+            const float *table = chains->table + chains->law[column] * MOTIONS * chains->entries;
+            const int64_t here = column * from.count + i, mirror = chains->coordinates * from.count;
+            const int least = to.low[goal] - from.high[here], greatest = to.high[goal] - from.low[here];
+            const int rise = chains->after[goal], fall = chains->after[chains->coordinates * to.count + goal];
+            /* A retract rises where its line towards the target falls. */
+            const int up = chains->before ? chains->before[mirror + here] : -1;
+            const int down = chains->before ? chains->before[here] : -1;
+            raise_by_joint(chains, table, up, rise, fall, least, greatest, &times);
+            raise_by_joint(chains, table, down, fall, rise, -greatest, -least, &times);
+        }
         const float approach = chains->approach[begin + j], onward = chains->onward[begin + j];
         const float late_retract = time[j] + chains->late[0], late_approach = time[j] + chains->late[1];
-        const float from_retract = fminf(times.from_retract[j], late_approach + approach) + onward;
-        const float to_approach = fminf(times.to_approach[j] - retract, late_retract) + arrival[begin + j];
+        const float from_retract = fminf(times.from_retract, late_approach + approach) + onward;
+        const float to_approach = fminf(times.to_approach - retract, late_retract) + arrival[begin + j];
         const float late = fminf(late_retract, late_approach) + approach;
-        const float whole = fminf(times.whole[j] - retract, late) + onward;
+        const float whole = fminf(times.whole - retract, late) + onward;
         plain[j] = fmaxf(plain[j], from_retract);
         total[j] = fmaxf(fmaxf(total[j], from_retract), fmaxf(whole, to_approach));
     }
@@ -453,7 +447,8 @@ int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, 
                     raise_by_speeds(laws, chains, chains->before ? chains->speed[0] : NULL, chains->speed[1], from->cells, i,
                                     to->cells, begin, count, work, total, plain);
                 if (chains && minimum(total, 0, count) < *pair_best)
-                    raise_by_chains(laws, chains, from->cells, i, to->cells, begin, count, work, time, total, plain);
+                    raise_by_chains(laws, chains, from->cells, i, to->cells, begin, count, work, time,
+                                    (const float[2]){*pair_best, -INFINITY}, total, plain);
                 const float sum = minimum(total, 0, count);
                 *pair_best = sum < *pair_best ? sum : *pair_best;
             }
@@ -520,7 +515,8 @@ int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const
                     raise_by_speeds(laws, chains, chains->before ? chains->speed[0] : NULL, chains->speed[1], from->cells, i,
                                     to->cells, goal, count, arrival, total, plain);
                 if (chains && (minimum(total, 0, count) < least[i] || minimum(plain, 0, count) < least_plain[i]))
-                    raise_by_chains(laws, chains, from->cells, i, to->cells, goal, count, arrival, time, total, plain);
+                    raise_by_chains(laws, chains, from->cells, i, to->cells, goal, count, arrival, time,
+                                    (const float[2]){least[i], least_plain[i]}, total, plain);
                 const float sum = minimum(total, 0, count), plain_sum = minimum(plain, 0, count);
                 least[i] = sum < least[i] ? sum : least[i];
                 least_plain[i] = plain_sum < least_plain[i] ? plain_sum : least_plain[i];
