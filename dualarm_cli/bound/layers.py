@@ -45,9 +45,9 @@ class StopReach:
     For arms with an arm angle only.
     """
     span: FloatArray
-    """Range of each platform part from which both ends are in reach with the same yaw [rad], shape (2, f).
+    """Range of each platform part with both ends in reach [rad], shape (2, f).
 
-    Its low end is infinite, and above the high one, if there is none.
+    With the same yaw at both ends. The low end is infinite, and above the high one, if there is none.
     """
     free_last: bool
     """Flag of a free last joint: yaw turns it alone."""

@@ -336,7 +336,10 @@ class Pairs:
 
     @cached_property
     def _speeds(self) -> tuple[Times, ...]:
-        """Greatest shares of full speed after the lines before, after, and after by runs, (laws, n) each."""
+        """Greatest shares of full speed at the ends of lines, shape (laws, n) each.
+
+        Before transfers, after them, and over the runs of those after.
+        """
         chains, line = self.table.chains, self.after.line
         assert chains is not None  # only motions that pass have speeds
         of_runs = np.maximum.reduceat(line, self.after.first_of_runs)
