@@ -153,7 +153,7 @@ def test_slopes_of_transfers_are_those_of_the_slowest_joint(sequence):
     leaving = found.q_retract[:3], found.rates[:3, 1]
     goal, arriving = found.q_approach[1:4], found.rates[1:4, 0]
     nothing = np.zeros((3, 7)), np.zeros((3, 7))
-    time, slope = timed_slopes(work, leaving, (goal, arriving), nothing)
+    time, slopes = timed_slopes(work, leaving, (goal, arriving), nothing, by_rates=True)
     whole = transfer_times(
         work, tuple(x[:, None] for x in leaving), (goal[:, None], arriving[:, None])
     )
@@ -163,16 +163,18 @@ def test_slopes_of_transfers_are_those_of_the_slowest_joint(sequence):
         slowest, second = np.argsort(time[k])[[-1, -2]]
         if time[k, slowest] - time[k, second] < 1e-3:
             continue
-        step = 1e-5 * np.eye(7)[slowest]
-        ends = [
-            transfer_times(
-                work,
-                tuple(x[k : k + 1, None] for x in leaving),
-                (goal[k : k + 1, None] + side * step, arriving[k : k + 1, None]),
-            )[0, 0, 0]
-            for side in (1.0, -1.0)
-        ]
-        assert slope[k, slowest] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-3, abs=1e-6)
+        moved = 1e-5 * np.eye(7)[slowest]
+        rows = [x[k : k + 1, None].copy() for x in (*leaving, goal, arriving)]
+        entries = [(2, ()), (1, 0), (1, 1), (3, 0), (3, 1)]
+        for slope, (which, row) in zip(slopes[k], entries, strict=True):
+            ends = []
+            for side in (1.0, -1.0):
+                q, rates, q_goal, rates_there = (x.copy() for x in rows)
+                (q, rates, q_goal, rates_there)[which][0, 0][row] += side * moved
+                times = transfer_times(work, (q, rates), (q_goal, rates_there))
+                ends.append(times[0, 0, 0])
+            expected = (ends[0] - ends[1]) / 2e-5
+            assert slope[slowest] == pytest.approx(expected, rel=2e-3, abs=1e-5)
         checked += 1
     assert checked
 

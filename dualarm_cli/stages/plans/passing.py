@@ -105,33 +105,49 @@ def timed_slopes(
     leaving: tuple[FloatArray, FloatArray],
     arriving: tuple[FloatArray, FloatArray],
     rest: tuple[FloatArray, FloatArray],
+    *,
+    by_rates: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute joint times [s] and their slopes by displacement [s/rad], shape (r, joints).
+    """Compute joint times [s], shape (r, joints), and their slopes, shape (r, s, joints).
+
+    The first slope is by displacement [s/rad]. With `by_rates` those by velocity and acceleration at the start and at
+    the end follow, s = 5; they are 0 from rest to rest.
 
     Args:
         work: the arm.
         leaving: joints [rad], shape (r, joints), and rates, shape (r, 2, joints).
         arriving: the same.
-        rest: what is returned of transfers from rest to rest, and where ruckig has none.
+        rest: times and slopes by displacement from rest to rest, and where ruckig has none.
+        by_rates: whether slopes by rates are computed, too.
     """
-    time, slope = (x.copy() for x in rest)
-    solver = StatesToStates(work.limits)
+    # Entries of both end states, (start, goal), that are moved; the steepest slopes, beyond which launches jump.
+    moved = ((1, 0), (0, 1), (0, 2), (1, 1), (1, 2))[: 5 if by_rates else 1]
+    steepest = np.array([50.0, 20.0, 2.0, 20.0, 2.0])[: len(moved), None]
+    time = rest[0].copy()
+    slope = np.zeros((len(time), len(moved), time.shape[1]))
+    slope[:, 0] = rest[1]
+    solver, step = StatesToStates(work.limits), 1e-6
     starts, goals = (
-        _states(*(x[None] for x in leaving))[0],
-        _states(*(x[None] for x in arriving))[0],
+        np.concatenate([q[:, None], rates], axis=1) for q, rates in (leaving, arriving)
     )
 
-    step, steepest = 1e-6, 50.0  # Where launches jump a steeper slope means nothing.
-
-    def alone(k: int, moved: float) -> FloatArray | None:
-        position, *rates = goals[k]
-        trajectory = solver.calculated(starts[k], [[q + moved for q in position], *rates])
+    def alone(ends: FloatArray) -> FloatArray | None:
+        trajectory = solver.calculated(*ends.tolist())
         return None if trajectory is None else np.array(trajectory.independent_min_durations)
 
+    def difference(ends: FloatArray, side: int, row: int) -> FloatArray | None:
+        ahead, behind = ends.copy(), ends.copy()
+        ahead[side, row] += step
+        behind[side, row] -= step
+        times = alone(ahead), alone(behind)
+        return None if times[0] is None or times[1] is None else times[0] - times[1]
+
     for k in np.flatnonzero(_moving(leaving[1]) | _moving(arriving[1])).tolist():
-        here, ahead, behind = (alone(k, moved) for moved in (0.0, step, -step))
-        if here is None or ahead is None or behind is None:
-            continue
-        time[k] = here
-        slope[k] = np.clip((ahead - behind) / (2.0 * step), -steepest, steepest)
+        ends = np.stack([starts[k], goals[k]])
+        here = alone(ends)
+        differences = [difference(ends, *entry) for entry in moved]
+        changes = [change for change in differences if change is not None]
+        if here is not None and len(changes) == len(moved):
+            time[k] = here
+            slope[k] = np.clip(np.array(changes) / (2.0 * step), -steepest, steepest)
     return time, slope

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -113,6 +113,25 @@ def _through(by_joint: FloatArray, rates: FloatArray) -> FloatArray:
     return np.asarray(by_variable)
 
 
+def _by_variables(
+    rates: Slopes, slope: FloatArray, chain: TransferChain
+) -> tuple[FloatArray, FloatArray]:
+    """Chain slopes of transfer times with those of their goals and starts, (m, joints, v) each.
+
+    Args:
+        rates: slopes of the arm's stops by variables.
+        slope: slopes of its joints' times, see `passing.timed_slopes`, shape (m, 1 or 5, joints).
+        chain: its transfers.
+    """
+    k, came, by = chain.active, chain.previous[chain.active], slope[..., None]
+    here, there = by[:, 0] * rates.q_approach[k], -by[:, 0] * rates.q_retract[came]
+    if by.shape[1] > 1:
+        here += (by[:, 3:] * rates.rates[k, 0]).sum(axis=1)
+        there += (by[:, 1:3] * rates.rates[came, 1]).sum(axis=1)
+    there[came < 0] = 0.0
+    return here, there
+
+
 @dataclass(frozen=True)
 class _LinearisedPlan:
     """Linearisation of a feasible plan: slopes of its joints and times, and constraint rows."""
@@ -125,6 +144,8 @@ class _LinearisedPlan:
     """The plan."""
     rates: list[Slopes]
     """Slopes of each arm's joints and line times."""
+    follows_rates: bool
+    """Whether transfer times follow the rates at line ends."""
     rows: Rows = field(default_factory=Rows)
     """Rows so far."""
 
@@ -153,8 +174,7 @@ class _LinearisedPlan:
         chain = TransferChain.of(problem.arms[a])
         k, came = chain.active, chain.previous[chain.active]
         time, slope = self._transfer_slopes(a, chain)
-        here = slope[:, :, None] * rates.q_approach[k]
-        there = np.where(came[:, None, None] >= 0, -slope[:, :, None] * rates.q_retract[came], 0.0)
+        here, there = _by_variables(rates, slope, chain)
         if self.problem.arms[a].slowing is not None:
             # A tool's speed limit is one more joint.
             tool, by_joint = self._tool_slopes(a, chain)
@@ -195,9 +215,9 @@ class _LinearisedPlan:
         self._add(columns, values, time[row, joint] + dwell[row], k[row])
 
     def _transfer_slopes(self, a: int, chain: TransferChain) -> tuple[FloatArray, FloatArray]:
-        """Time an arm's joints on its transfers, with slopes by their displacements.
+        """Time an arm's joints on its transfers, with slopes by displacements, and by rates if followed.
 
-        Times [s] and slopes [s/rad] have shape (m, joints).
+        Times [s] have shape (m, joints), slopes (m, 1 or 5, joints), see `passing.timed_slopes`.
         """
         problem, work, best = self.problem, self.problem.arms[a], self.best.arms[a]
         k, before = chain.active, chain.previous[chain.active]
@@ -205,9 +225,10 @@ class _LinearisedPlan:
         law = work.law if work.slowing is None else work.slowing.joint_law(k, work.joints)
         timed = timed_slopes(law, best.q_approach[k] - q_from)
         if problem.launches is None:
-            return timed
+            return timed[0], timed[1][:, None]
         leaving = q_from, left_with(best, before)
-        return passing.timed_slopes(work, leaving, (best.q_approach[k], best.rates[k, 0]), timed)
+        arriving, by_rates = (best.q_approach[k], best.rates[k, 0]), self.follows_rates
+        return passing.timed_slopes(work, leaving, arriving, timed, by_rates=by_rates)
 
     def _tool_slopes(self, a: int, chain: TransferChain) -> tuple[FloatArray, FloatArray]:
         """Time an arm's transfers whose tool is at its speed limit, with slopes by joints.
@@ -345,6 +366,8 @@ def linear_step(
     best: Evaluated,
     radius: FloatArray,
     round_number: int,
+    *,
+    follows_rates: bool = False,
 ) -> FloatArray:
     """Compute the best linearised step of all variables within a radius [rad], shape (count,).
 
@@ -358,10 +381,13 @@ def linear_step(
         best: a possible plan.
         radius: trust-region radius of each stage's variables [rad], shape (n + 1,).
         round_number: odd rounds shift the windows by half a window.
+        follows_rates: whether the rates at line ends change with the postures; else only lines and displacements do.
     """
     windows = _windows(problem.stages, problem.settings.window, round_number)
-    rates = [slopes(problem, a, best.decisions, postures) for a, postures in enumerate(best.arms)]
-    program = _LinearisedPlan(problem, variables, best, rates).program(radius)
+    # Times of lines that are passed in motion are taken to change as from rest to rest.
+    sloped = problem if follows_rates else replace(problem, launches=None)
+    rates = [slopes(sloped, a, best.decisions, postures) for a, postures in enumerate(best.arms)]
+    program = _LinearisedPlan(problem, variables, best, rates, follows_rates).program(radius)
     return _solve(problem, variables, best, program, windows, radius)
 
 

@@ -27,6 +27,8 @@ class Polishing:
     """Seed of the random steps."""
     loose: BoolArray | None = None
     """Stages in which something may change, shape (n,); None for all."""
+    follows_rates: bool = False
+    """Whether linear steps follow the rates at the ends of lines that are passed in motion."""
 
     @property
     def at_rest(self) -> Polishing:
@@ -54,7 +56,8 @@ class Polishing:
         best, radius = start, settings.first_radius
         for k in range(rounds):
             radii = np.full(problem.stages + 1, radius)
-            step = linear_step(problem, variables, best, radii, k)
+            follows = self.follows_rates and problem.launches is not None
+            step = linear_step(problem, variables, best, radii, k, follows_rates=follows)
             steps = np.vstack(
                 [np.outer(shares, step), _random_steps(random, variables, radius, random_steps)]
             )

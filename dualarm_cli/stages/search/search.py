@@ -49,6 +49,8 @@ class SequenceResult:
 
     It may be clear if the best plan is not.
     """
+    rivals: tuple[Decisions, ...] = ()
+    """Plans polished in motion, which may be the shortest when blended."""
 
 
 def search(
@@ -132,8 +134,10 @@ def _searched(
     problem.progress(f"step {steps} of {steps}")
     rivals = _apart(problem, best, tried)[: how.rivals] if moving.launches is not None else []
     given = [evaluate(problem, decisions) for decisions in others]
-    best = polished_thoroughly(replace(polishing, problem=moving), best, how, (rivals, given))
-    return SequenceResult(best, bound, total, with_margin=others)
+    polishing = replace(polishing, problem=moving)
+    best, *tried = polished_thoroughly(polishing, best, how, (rivals, given))
+    shown = tuple(plan.decisions for plan in tried)
+    return SequenceResult(best, bound, total, with_margin=others, rivals=shown)
 
 
 def _apart(
@@ -157,8 +161,10 @@ def polished_thoroughly(
     best: Evaluated,
     how: SearchEffort,
     rivals: tuple[Sequence[Evaluated], Sequence[Evaluated]] = ((), ()),
-) -> Evaluated:
+) -> list[Evaluated]:
     """Polish a plan thoroughly, first at rest, then with line ends in motion.
+
+    Returns the best plan. Those that were polished in motion in several ways follow: blending may make any the best.
 
     Args:
         polishing: local optimisation of the sequence.
@@ -169,33 +175,40 @@ def polished_thoroughly(
     problem, at_rest = polishing.problem, polishing.at_rest
     best = at_rest.polished(best, how.rounds, how.random_steps)
     if problem.launches is None:
-        return best
+        return [best]
     polished = partial(polished_in_motion, polishing, how)
     unpolished, others = rivals
-    candidates = [*map_halves(partial(polished, range(how.cycles)), [best, *unpolished]), *others]
-    if len(candidates) == 1:
-        return candidates[0]
+    ways = [(plan, follows) for plan in (best, *unpolished) for follows in how.follows_rates]
+    tried = map_halves(partial(polished, range(how.cycles)), ways)
+    if len(candidates := [*tried, *others]) == 1:
+        return candidates
     moving = [with_best_launches(problem, plan) for plan in candidates]
     k = min(range(len(moving)), key=lambda k: _objective(*moving[k]))
     decisions = [plan.decisions for plan in candidates[:k] + candidates[k + 1 :]]
     best = best_combination(moving[k][0], moving[k][1], decisions)
     # Its best launches are known, so the first cycle is skipped.
-    return polished(range(1, how.cycles), [evaluate(at_rest.problem, best.decisions)])[0]
+    joined = evaluate(at_rest.problem, best.decisions), how.follows_rates[0]
+    shown = tried if len(how.follows_rates) > 1 else []
+    return [*polished(range(1, how.cycles), [joined]), *shown]
 
 
 def polished_in_motion(
-    polishing: Polishing, how: SearchEffort, cycles: range, plans: Sequence[Evaluated]
+    polishing: Polishing,
+    how: SearchEffort,
+    cycles: range,
+    plans: Sequence[tuple[Evaluated, bool]],
 ) -> list[Evaluated]:
-    """Polish plans with line ends in motion; return them timed at rest."""
+    """Polish plans with line ends in motion, following rates or not; return them timed at rest."""
     problem, polished = polishing.problem, list[Evaluated]()
-    for plan in plans:
+    for plan, follows in plans:
         best = plan
         for cycle in cycles:
             if cycle:
                 moving, start = with_best_launches(problem, best)
             else:
                 moving, start = problem, evaluate(problem, best.decisions)
-            moved = replace(polishing, problem=moving, seed=polishing.seed + cycle)
+            seed = polishing.seed + cycle
+            moved = replace(polishing, problem=moving, seed=seed, follows_rates=follows)
             best = moved.polished(start, how.passing_rounds, how.random_steps)
         polished.append(evaluate(polishing.at_rest.problem, best.decisions))
     return polished
@@ -263,7 +276,7 @@ def search_in_parts(
                 polishing = Polishing(part, seed, stretch.loose)
                 best = evaluate(polishing.at_rest.problem, decisions.take(stretch.stages))
                 if np.isfinite(best.total):
-                    best = polished_thoroughly(polishing, best, replace(how, random_steps=0))
+                    best = polished_thoroughly(polishing, best, replace(how, random_steps=0))[0]
                     break
             parts.append(best.decisions)
         return parts
@@ -397,7 +410,7 @@ def _near(
     polishing = Polishing(problem, seed, loose)
     best, _ = combination(polishing, [*plans, start], how)
     moving = replace(problem, launches=problem_in_motion.launches)
-    best = polished_thoroughly(replace(polishing, problem=moving), best, how)
+    best = polished_thoroughly(replace(polishing, problem=moving), best, how)[0]
     return best.decisions if np.isfinite(_objective(problem, best)) else None
 
 

@@ -94,6 +94,8 @@ class Slopes:
     """Derivatives of approach joint times [s/rad], (n, joints, v), 0 out of reach."""
     retract: FloatArray
     """Derivatives of joint times on the retract [s/rad], shape (n, joints, v)."""
+    rates: FloatArray
+    """Derivatives of velocities and accelerations at the outer ends of lines, (n, 2, 2, joints, v)."""
 
 
 def slopes(
@@ -104,29 +106,31 @@ def slopes(
 ) -> Slopes:
     """Compute derivatives by forward differences, all stages and variables in one batch.
 
-    Without a spare joint the self-motion variables have zero derivatives.
+    Without a spare joint the self-motion variables have zero derivatives, without launches the rates at line ends.
     """
     n, v = problem.stages, 1 + len(FIELDS)
     free = np.array([True, *(problem.arms[arm].spare > 0 or name == "yaw" for name in FIELDS)])
     stage = np.repeat(np.arange(n), free.sum())
     step = np.tile(DIFFERENCE * np.eye(v)[free], (n, 1))
     candidates = shifted(decisions.arms[arm].take(stage), step[:, 1:])
-    # From rest to rest: lines that are passed in motion are taken to change alike.
-    at_rest = replace(problem, launches=None)
-    joints = postures(at_rest, arm, stage, decisions.angle[stage] + step[:, 0], candidates)
+    joints = postures(problem, arm, stage, decisions.angle[stage] + step[:, 0], candidates)
 
     def rate(ahead: FloatArray, here: FloatArray) -> FloatArray:
-        rates = np.zeros((n, here.shape[1], v))
-        change = ahead.reshape(n, free.sum(), -1) - here[:, None]
-        rates[:, :, free] = np.moveaxis(change, 1, 2) / DIFFERENCE
+        rates = np.zeros((*here.shape, v))
+        change = ahead.reshape(n, free.sum(), *here.shape[1:]) - here[:, None]
+        rates[..., free] = np.moveaxis(change, 1, -1) / DIFFERENCE
         return rates
 
     usable = np.zeros((n, 1, v), dtype=np.bool_)
     usable[:, 0, free] = joints.possible.reshape(n, -1) & base.possible[:, None]
+    rates_at_ends = np.zeros((*base.rates.shape, v))
+    if problem.launches is not None:
+        rates_at_ends = np.where(usable[:, None, None], rate(joints.rates, base.rates), 0.0)
     return Slopes(
         rate(joints.q_approach, base.q_approach),
         rate(joints.q_target, base.q_target),
         rate(joints.q_retract, base.q_retract),
         np.where(usable, rate(joints.approach, base.approach), 0.0),
         np.where(usable, rate(joints.retract, base.retract), 0.0),
+        rates_at_ends,
     )
