@@ -264,8 +264,7 @@ def _solved(problem: MethodProblem, workers: ExitStack) -> Decided:
     stages = stage_plans(model, job, numbers, result.best.decisions, "sequence")
     if result.is_infeasible:
         return Decided(stages, is_infeasible=True)
-    others = (*result.with_margin, *result.rivals)
-    polished = (stage_plans(model, job, numbers, plan, "sequence") for plan in others)
+    polished = (stage_plans(model, job, numbers, plan, "sequence") for plan in result.others)
     alternatives = *_rivals(problem, starts, result, quickest), *polished
     # The grid's bound ignores the cost of clearance, the plan on the grid includes it.
     gap = _grid_gap(result) if problem.holding is None else None

@@ -44,13 +44,11 @@ class SequenceResult:
     """Duration of the best plan on the nodes, before polishing [s]."""
     is_infeasible: bool = False
     """Whether every node of some stop collides; the plan shows where."""
-    with_margin: tuple[Decisions, ...] = ()
-    """Plan with margin to the position limits, or empty.
+    others: tuple[Decisions, ...] = ()
+    """Plan with margin to the position limits, and plans polished in several ways.
 
-    It may be clear if the best plan is not.
+    They may be clear if the best plan is not, or the shortest when blended.
     """
-    rivals: tuple[Decisions, ...] = ()
-    """Plans polished in motion, which may be the shortest when blended."""
 
 
 def search(
@@ -137,7 +135,7 @@ def _searched(
     polishing = replace(polishing, problem=moving)
     best, *tried = polished_thoroughly(polishing, best, how, (rivals, given))
     shown = tuple(plan.decisions for plan in tried)
-    return SequenceResult(best, bound, total, with_margin=others, rivals=shown)
+    return SequenceResult(best, bound, total, others=(*others, *shown))
 
 
 def _apart(
