@@ -98,7 +98,7 @@ class SearchEffort:
     passing_rounds: int = 2
     """Number of polishing rounds in each cycle."""
     follows_rates: tuple[bool, ...] = (False,)
-    """Whether these cycles follow the rates at line ends; both ways compete if both are listed.
+    """Whether these cycles follow the rates at line ends; both variants compete if both are listed.
 
     At normal effort both make 15 jobs of 4 to 24 stages 0.3 % shorter (mean) than the cycles without rates alone, the
     best by 2.1 %, the worst longer by 0.8 %.

@@ -45,7 +45,7 @@ class SequenceResult:
     is_infeasible: bool = False
     """Whether every node of some stop collides; the plan shows where."""
     others: tuple[Decisions, ...] = ()
-    """Plan with margin to the position limits, and plans polished in several ways.
+    """Plan with margin to the position limits, and plans polished in several variants.
 
     They may be clear if the best plan is not, or the shortest when blended.
     """
@@ -162,7 +162,7 @@ def polished_thoroughly(
 ) -> list[Evaluated]:
     """Polish a plan thoroughly, first at rest, then with line ends in motion.
 
-    Returns the best plan. Those that were polished in motion in several ways follow: blending may make any the best.
+    Returns the best plan. Those that were polished in motion in variants follow: blending may make any the best.
 
     Args:
         polishing: local optimisation of the sequence.
@@ -176,8 +176,8 @@ def polished_thoroughly(
         return [best]
     polished = partial(polished_in_motion, polishing, how)
     unpolished, others = rivals
-    ways = [(plan, follows) for plan in (best, *unpolished) for follows in how.follows_rates]
-    tried = map_halves(partial(polished, range(how.cycles)), ways)
+    variants = [(plan, follows) for plan in (best, *unpolished) for follows in how.follows_rates]
+    tried = map_halves(partial(polished, range(how.cycles)), variants)
     if len(candidates := [*tried, *others]) == 1:
         return candidates
     moving = [with_best_launches(problem, plan) for plan in candidates]
