@@ -77,7 +77,7 @@ def measure(case: Case, effort: str) -> tuple[str, ...]:
     if failures:
         raise SystemExit(f"{case.name}: {failures}")
     own = case.reference is None
-    bound = job_bound(job, effort).value if own else case.reference
+    bound = job_bound(job, effort, "lines").value if own else case.reference
     row = case.name, f"{schedule.duration:.3f} s", f"{seconds:.1f} s"
     if bound is None:
         return *row, "", ""

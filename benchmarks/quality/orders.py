@@ -108,7 +108,7 @@ def row_of(given: argparse.Namespace, seed: int, tasks: int, family: str) -> dic
             gap = schedule.order_grid_gap
             row["gap"] = float("nan") if gap is None else gap
     begin = time.process_time()
-    row["bound"] = job_bound(instance.job, effort).value or 0.0
+    row["bound"] = job_bound(instance.job, effort, given.blend).value or 0.0
     row["bounding"] = time.process_time() - begin
     return row
 

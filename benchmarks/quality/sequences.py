@@ -40,7 +40,7 @@ def times(job: Job, effort: str) -> dict[str, float]:
         if failures:
             raise SystemExit(f"{method}: {failures}")
         row[method] = schedule.duration
-    row["bound"] = job_bound(job, effort).value
+    row["bound"] = job_bound(job, effort, "lines").value
     return row
 
 
