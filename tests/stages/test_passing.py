@@ -174,7 +174,7 @@ def test_slopes_of_transfers_are_those_of_the_slowest_joint(sequence):
                 times = transfer_times(work, (q, rates), (q_goal, rates_there))
                 ends.append(times[0, 0, 0])
             expected = (ends[0] - ends[1]) / 2e-5
-            assert slope[slowest] == pytest.approx(expected, rel=2e-3, abs=1e-5)
+            assert slope[slowest] == pytest.approx(expected, rel=1e-3, abs=1e-6)
         checked += 1
     assert checked
 
