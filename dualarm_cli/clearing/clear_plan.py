@@ -32,6 +32,7 @@ from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
 from dualarm_cli.effort import ClearanceSettings, less_effort
+from dualarm_cli.effort.stages import SCALING
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.motion_limits import is_slowed
@@ -107,7 +108,11 @@ def _quickest_clear(
     check_collisions: bool,
     alone: str | None,
 ) -> ClearedPlan:
-    """Plan a job with one method, see `quickest_clear`."""
+    """Plan a job with one method, see `quickest_clear`, and refine the plan.
+
+    Sequences that are not long are searched on further grids as well. No estimate ranks their plans: the shortest ones
+    are refined as they are driven, two of a short sequence.
+    """
     holding = None
     if check_collisions:
         # Colliding grips have no plan: refuse them before the search.
@@ -115,24 +120,37 @@ def _quickest_clear(
         if faults := grip_faults(problem.job):
             raise InfeasibleError(*faults)
     loop = ClearanceLoop(problem, solve, timing, holding)
+    plans = [_shortest(loop)]
+    stages, duration = len(problem.job.stages()), attrgetter("cleared.duration")
+    # Methods without refinement have no grids.
+    if plans[0].decided.refined is not None and problem.model.has_arm_angles:
+        for mesh in problem.settings.search.further_of(stages):
+            with suppress(InfeasibleError):
+                plans.append(_shortest(replace(loop, problem=replace(problem, meshes=(mesh,)))))
+    plans = sorted(plans, key=duration)[: 2 if stages <= SCALING.short else 1]
+    return min((refined_plan(problem, plan, timing) for plan in plans), key=duration)
+
+
+def _shortest(loop: ClearanceLoop) -> ClearedPlan:
+    """Plan a job with one grid, blended where the problem allows it; do not refine the plan yet."""
+    problem, timing = loop.problem, loop.timing
     if not problem.blends:
-        return refined_plan(problem, loop.run(), timing)
+        return loop.run()
 
     def chosen_for_stops() -> ClearedPlan:
         plan = replace(loop, problem=replace(problem, blending=STOPPING)).run()
         problem.progress("blending lines and transfers")
         return plan
 
-    stopping = replace(loop, solve=with_room(problem, solve)).run()
+    stopping = replace(loop, solve=with_room(problem, loop.solve)).run()
     problem.progress("blending lines and transfers")
     blended = shortest_blended(problem, stopping, timing)
     plan = blended.cleared
     if (plan.motion.gain or 0.0) > problem.settings.clearing.sufficient_gain * plan.duration:
-        return refined_plan(problem, blended, timing)
+        return blended
     # Where blending gains little, postures chosen for stops may be quicker.
     rival = shortest_blended(problem, chosen_for_stops(), timing)
-    shorter = min(blended, rival, key=attrgetter("cleared.duration"))
-    return refined_plan(problem, shorter, timing)
+    return min(blended, rival, key=attrgetter("cleared.duration"))
 
 
 def quickest_for_stops(

@@ -7,7 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.effort.stages import COARSE, FINE, NEAR, Mesh, SearchEffort, SequenceSettings
+from dualarm_cli.effort.stages import (
+    COARSE,
+    FINE,
+    MEDIUM,
+    NEAR,
+    Mesh,
+    SearchEffort,
+    SequenceSettings,
+)
 from dualarm_cli.records import dataclass
 
 
@@ -378,7 +386,17 @@ EFFORTS: Mapping[str, EffortSettings] = {
         clocks=FreeEffort(glance=150, iterations=6000, angles=3, proof=4.0),
         epochs=EpochEffort(sets=8, moves=60, glance=40, close=2000),
         search=SearchEffort(
-            meshes=(COARSE,),
+            meshes=(MEDIUM,),
+            further_meshes=(
+                Mesh(
+                    angle_step=np.radians(7.0),
+                    arm_angles=20,
+                    most_nodes=2500,
+                    width=100,
+                    per_angle=8,
+                ),
+                COARSE,
+            ),
             trial_rounds=4,
             rounds=3,
             cycles_in_long=2,

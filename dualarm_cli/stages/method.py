@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import field
 
 from dualarm_cli.effort import EFFORTS, EffortSettings
+from dualarm_cli.effort.stages import Mesh
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import STOPPING, Blending
 from dualarm_cli.model.job import Job
@@ -42,6 +43,8 @@ class MethodProblem:
     """Whether the search is limited to plans near `unchecked`.
 
     Set once a cheap collision-free plan is known; ignored by thorough effort and by greedy methods."""
+    meshes: tuple[Mesh, ...] = ()
+    """Grids of the search in place of its effort's; empty for those."""
     start: Decisions | None = None
     """Initial plan of the search, from the choice of the order."""
     without_margin: MethodProblem | None = None

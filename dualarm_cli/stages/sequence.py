@@ -227,7 +227,8 @@ def _solved(problem: MethodProblem, workers: ExitStack) -> Decided:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    greedy = len(job.stages()) <= _begun(problem, numbers)
+    # A further search is there for another plan.
+    greedy = not problem.meshes and len(job.stages()) <= _begun(problem, numbers)
     # A blended search restarts from its own plan and seldom loses against simpler plans.
     few = (
         problem.settings.search.refined
@@ -307,7 +308,12 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     lines = any(stop.approach or stop.retract for task in job.tasks for stop in task.stops)
     given = problem.model, job, problem.holding, problem.no_goods
     numbers = sequence_problem(*given, is_careful=problem.is_careful)
-    numbers = replace(numbers, settings=problem.settings.sequence, progress=problem.progress)
+    numbers = replace(
+        numbers,
+        settings=problem.settings.sequence,
+        meshes=problem.meshes,
+        progress=problem.progress,
+    )
     if not (problem.blends and _is_timed_whole(job) and lines):
         return numbers
     if problem.without_margin is not None:

@@ -62,9 +62,11 @@ def test_plans_of_all_efforts_are_compared_blended(problem, monkeypatch, share, 
     assert found.cost >= 0.0
 
 
-def test_a_refinement_that_is_longer_is_left_out_and_its_stages_stay(problem):
+def test_a_refinement_that_is_longer_is_left_out_and_its_stages_stay(problem, monkeypatch):
     """Offered is the slower plan of `fixed`: at the next attempt the stage that grew and the one before stay."""
-    kept_stages = []
+    normal, kept_stages = EFFORTS["normal"], []
+    once = replace(normal, search=replace(normal.search, further_meshes=()))
+    monkeypatch.setitem(EFFORTS, "normal", once)
 
     def refined(stages, holding, kept, attempt):
         assert (holding is None, attempt) == (False, len(kept_stages))
@@ -84,6 +86,24 @@ def test_a_refinement_that_is_longer_is_left_out_and_its_stages_stay(problem):
     # Wider launches at the same postures are all that is left.
     for stage, same in zip(found.cleared.plans, plain.cleared.plans, strict=True):
         assert (stage.arrival == same.arrival).all()
+
+
+def test_the_shortest_plan_of_all_grids_stays(problem):
+    """Each grid has the plan of another method; the grid of the effort has the slow one of `fixed`."""
+    grids = (), *((mesh,) for mesh in EFFORTS["normal"].search.further_meshes)
+    methods = dict(zip(grids, ("fixed", "exact", "minimum_time"), strict=True))
+
+    def planned(solve):
+        return quickest_clear(problem, solve, TIMING_SOLVERS["ruckig"]).cleared
+
+    def unchanged(stages, *_):
+        return list(stages)
+
+    found = planned(lambda asked: Decided(_stages(asked, methods[asked.meshes]), refined=unchanged))
+    alone = [
+        planned(lambda asked, name=name: Decided(_stages(asked, name))) for name in methods.values()
+    ]
+    assert found.duration <= min(plan.duration for plan in alone) < alone[0].duration
 
 
 def test_only_the_launch_that_collides_is_left_out(problem, monkeypatch):

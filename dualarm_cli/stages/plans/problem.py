@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dualarm_cli.effort.stages import SequenceSettings
+from dualarm_cli.effort.stages import Mesh, SequenceSettings
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.platform_chain import PlatformChain
@@ -262,6 +262,8 @@ class SequenceProblem:
     """Arms with narrowed position limits for line ends in motion; empty without."""
     settings: SequenceSettings = SequenceSettings()
     """Numbers of the search."""
+    meshes: tuple[Mesh, ...] = ()
+    """Grids of the search in place of its effort's; empty for those."""
     progress: Callable[[str], None] = field(default=lambda _: None, compare=False, repr=False)
     """Receiver of the search's share of its work, in words."""
 

@@ -431,7 +431,8 @@ def search_effort(problem: SequenceProblem, effort: str) -> SearchEffort:
     """Select the search effort of a sequence by its length and arms."""
     how = EFFORTS[effort].search
     if problem.has_arm_angles:
-        return how.for_stages(problem.stages)
+        how = how.for_stages(problem.stages)
+        return replace(how, meshes=problem.meshes) if problem.meshes else how
     how = how.for_general_arms(problem.stages)
     # With all configurations given, a plan has no neighbourhood.
     return how if Variables.of(problem).count else replace(how, local_rounds=0)
