@@ -132,7 +132,7 @@ def _quickest_clear(
 
 
 def _shortest(loop: ClearanceLoop) -> ClearedPlan:
-    """Plan a job with one grid, blended where the problem allows it; do not refine the plan yet."""
+    """Plan a job with one grid, blended where allowed, without refinement."""
     problem, timing = loop.problem, loop.timing
     if not problem.blends:
         return loop.run()
