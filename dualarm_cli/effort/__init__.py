@@ -388,6 +388,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         search=SearchEffort(
             meshes=(MEDIUM,),
             further_meshes=(
+                COARSE,
                 Mesh(
                     angle_step=np.radians(7.0),
                     arm_angles=20,
@@ -395,7 +396,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
                     width=100,
                     per_angle=8,
                 ),
-                COARSE,
             ),
             trial_rounds=4,
             rounds=3,

@@ -118,7 +118,8 @@ class SearchEffort:
     further_meshes: tuple[Mesh, ...] = ()
     """Grids of further whole searches, whose blended plans compete.
 
-    Short sequences use all, others up to `SCALING.long` stages the first. Which grid leads to the shortest plan is chance.
+    Short sequences use all, others up to `SCALING.long` stages the first. Which grid leads to the shortest plan is
+    chance.
     """
     local: Mesh = LOCAL
     """Grid around the best plan, for fewer stages than `SCALING.long`."""
