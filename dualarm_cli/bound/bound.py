@@ -163,8 +163,7 @@ class _Stage:
         """Compute the least stage duration by pair of platform cells [s], shape (g, g), or infinite."""
         if self.pairs is None:
             return np.tile(_least_by_cell(self.work, self.work.least, cells), (cells, 1))
-        zero = np.zeros(len(self.work.retract.index), dtype=np.float32)
-        times = self.pairs.by_cells(self.work.least, self.work.onward(zero), cells)
+        times = self.pairs.by_cells(self.work.least, cells)
         return times if self.consecutive else np.tile(times[0], (cells, 1))
 
 

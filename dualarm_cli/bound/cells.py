@@ -136,7 +136,7 @@ def pose_cells(
         flange,
         None if line is None else (line.target, *line.law.time_table, late),
         (intervals.index // finer, intervals.low, intervals.high, floor),
-        (resolution.arm_angles, finer),
+        (resolution.arm_angles, resolution.finer_circle or finer),
         free_last,
     )
     if passing is None:

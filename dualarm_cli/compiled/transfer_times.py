@@ -294,7 +294,7 @@ def least_by_groups(
         after: m cells at which they end.
         work: time added at each end [s], shape (m,).
         least: times [s], shape (g, g).
-        chains: chains of joints that begin with the transfers; None for none.
+        chains: laws of joints that pass line ends in motion; None for none.
 
     Raises:
         MemoryError: out of memory.

@@ -284,9 +284,11 @@ class Resolution:
     arm_angles: int
     """Number of parts of the elbow circle."""
     finer: int
-    """Subdivision factor, in both directions, of cells on which joints are enclosed."""
+    """Subdivision factor of platform cells on which joints are enclosed."""
     late: float = 0.3
     """Time beyond the least of a line up to which its displacements are enclosed [s]."""
+    finer_circle: int | None = None
+    """Subdivision factor of the circle's parts on which joints are enclosed; None for `finer`."""
 
 
 @dataclass(frozen=True)
@@ -405,7 +407,9 @@ EFFORTS: Mapping[str, EffortSettings] = {
             for_few=FINE,
         ),
         bound=Resolution(step=np.radians(7.5), arm_angles=24, finer=2),
-        passing_bound=Resolution(step=np.radians(4.0), arm_angles=15, finer=2),
+        passing_bound=Resolution(
+            step=np.radians(2.0), arm_angles=15, finer=1, finer_circle=3
+        ),
         hopeless_orders=4,
         section_orders=4,
         section_starts=4,
@@ -447,7 +451,9 @@ EFFORTS: Mapping[str, EffortSettings] = {
             spares=False,
         ),
         bound=Resolution(step=np.radians(3.0), arm_angles=60, finer=2),
-        passing_bound=Resolution(step=np.radians(1.5), arm_angles=30, finer=2),
+        passing_bound=Resolution(
+            step=np.radians(0.9), arm_angles=30, finer=1, finer_circle=3
+        ),
         hopeless_orders=12,
         section_orders=24,
         section_starts=12,

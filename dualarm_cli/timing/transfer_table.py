@@ -234,6 +234,11 @@ def _laws_without(times: Times, groups: Sequence[Sequence[int]], without: tuple[
     return Laws.of(times, columns, np.cumsum([len(group) for group in kept], dtype=np.int32))
 
 
+def _is_same_law(limits: tuple[float, float], others: tuple[float, float]) -> bool:
+    """Check whether limits of acceleration and jerk per speed are nearly the same."""
+    return all(x == y or abs(x / y - 1.0) <= SAME_LAW for x, y in zip(limits, others, strict=True))
+
+
 def _chain_laws(laws: list[RestToRest], step: float) -> ChainLaws | None:
     """Tabulate the motions of chains; joints whose limits stand in the same proportions share a table."""
     keys, numbers = list[tuple[float, float]](), []
@@ -244,9 +249,10 @@ def _chain_laws(laws: list[RestToRest], step: float) -> ChainLaws | None:
         rest = law.rest_law
         a, j = rest.acceleration / rest.velocity, rest.jerk / rest.velocity
         for key in zip(a.tolist(), j.tolist(), strict=True):
-            if key not in keys:
-                keys.append(key)
-            numbers.append(keys.index(key))
+            k = next((k for k, other in enumerate(keys) if _is_same_law(key, other)), len(keys))
+            fastest = np.maximum(key, keys[k]) if k < len(keys) else np.array(key)
+            keys[k : k + 1] = [(float(fastest[0]), float(fastest[1]))]
+            numbers.append(k)
     if not keys:
         return None
     distance: FloatArray = np.arange(STEPS // STEPS_PER_ENTRY + 1.0) * (STEPS_PER_ENTRY * step)
@@ -367,18 +373,17 @@ class Pairs:
         laws = chains.times, rate, chains.number, self.table.step
         return JointChains.of(displacements, lines, self._speeds, onward, laws)
 
-    def by_cells(self, work: Times, onward: Times, cells: int) -> Times:
+    def by_cells(self, work: Times, cells: int) -> Times:
         """Compute the minimum transfer plus work between platform cells [s], shape (g, g).
 
-        A pair of platform cells without a transfer has an infinite sum.
+        Without chains of joints. A pair of platform cells without a transfer has an infinite sum.
 
         Args:
             work: minimum work of each cell at a transfer's end [s], shape (m,).
-            onward: minimum work from the target on for each of these cells [s], shape (m,).
             cells: number g of platform cells.
         """
         least = np.full((cells, cells), np.inf, dtype=np.float32)
-        chains = self._chains(onward, from_target=self.before.at_target)
+        chains = self._chains(work, from_target=self.before.at_target)
         least_by_groups(self._laws, self.before.runs, self.after.runs, work, least, chains)
         return least
 

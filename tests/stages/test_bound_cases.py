@@ -483,7 +483,7 @@ def test_pruned_pairs_give_the_minima_of_all_pairs() -> None:
         without = (1,) if trial % 2 else ()
         times = table.gap_times(before.low, before.high, after.low, after.high, without)
         pairs = Pairs(table, before, after, without)
-        plain = arriving = times + own
+        plain = arriving = between = times + own
         if passing is not None:
             columns = [c for c in range(3) if c not in without]
             to_approach, from_retract, whole = _chains(table, passing, before, after, columns)
@@ -492,6 +492,7 @@ def test_pruned_pairs_give_the_minima_of_all_pairs() -> None:
             moving, launched = _between_speeds(table, passing, before, after, columns) + own
             plain = np.maximum(arriving, np.minimum(from_retract, late_approach + lines) + onward)
             plain = np.maximum(plain, moving)
+            between = np.maximum(between, launched if before.at_target else moving)
             assert (launched > np.maximum(times + own, moving)).mean() > 0.1
             assert (moving > times + own).mean() > 0.1
             retract = before.line[:, None]
@@ -510,10 +511,10 @@ def test_pruned_pairs_give_the_minima_of_all_pairs() -> None:
             over = sums.min(axis=1) - least
             assert over.min() >= -1e-6 * bool(below) and over.max() <= below
             assert over.mean() <= 0.1 * below
-        by_cells = pairs.by_cells(own, onward, 5)
+        by_cells = pairs.by_cells(own, 5)
         for i in range(5):
             for k in range(5):
-                some = plain[np.ix_(before.index == i, after.index == k)]
+                some = between[np.ix_(before.index == i, after.index == k)]
                 best = some.min(initial=np.inf)
                 assert by_cells[i, k] == best or -1e-6 <= best - by_cells[i, k] <= below
 

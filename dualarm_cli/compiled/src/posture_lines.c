@@ -146,7 +146,24 @@ typedef struct {
     Gap gap[JOINTS];
     double bend, plain[2], flipped[2];
     double best; /* least time so far [s] */
+    double reach[JOINTS]; /* steps of the law from which on a joint takes that time, or infinite */
+    int has_bend; /* whether the displacement of joint 4, the same at all arm angles, is known */
 } Search;
+
+/* Set the least time so far, and how far the joints get in it. */
+static void set_best(Search *search, double best)
+{
+    search->best = best;
+    for (int joint = 0; joint < JOINTS; joint++) {
+        const float *time = search->law->time + joint * search->law->steps;
+        int64_t low = -1, high = search->law->steps;
+        while (high - low > 1) {
+            const int64_t middle = (low + high) / 2;
+            *(time[middle] >= best ? &high : &low) = middle;
+        }
+        search->reach[joint] = high < search->law->steps ? (double)high : INFINITY;
+    }
+}
 
 /* Enclose the displacements of a joint over an interval of the differences of the arm angle. */
 static Span gap_span(const Search *search, int joint, double begin, double end)
@@ -201,14 +218,30 @@ static double triple_time(const Search *search, int triple, const Span *span, in
     return time;
 }
 
+/* Check whether the spans exclude a joint's lines faster than the best time, optionally to its flipped value. */
+static int is_too_far(const Search *search, int joint, const Span *span, int flipped)
+{
+    const Span gap = span_gap(search, joint, span, flipped);
+    return distance_from_turns(gap.low, gap.high) * search->law->steps_per_rad >= search->reach[joint];
+}
+
+/* Check whether the spans exclude lines of a triple faster than the best time. */
+static int is_triple_too_far(const Search *search, int triple, const Span *span, int flipped)
+{
+    for (int i = 0; i < 3; i++)
+        if ((!search->free_last || JOINT[triple][i] != JOINTS - 1) &&
+            is_too_far(search, JOINT[triple][i], span, flipped))
+            return 1;
+    return 0;
+}
+
 /* Check whether the spans exclude lines faster than the best time. */
 static int is_excluded(const Search *search, const Span *span)
 {
-    if (span_time(search, 3, span, 0) >= search->best)
+    if (is_too_far(search, 3, span, 0))
         return 1;
     for (int triple = 0; triple < 2; triple++)
-        if (triple_time(search, triple, span, 0) >= search->best &&
-            triple_time(search, triple, span, 1) >= search->best)
+        if (is_triple_too_far(search, triple, span, 0) && is_triple_too_far(search, triple, span, 1))
             return 1;
     return 0;
 }
@@ -275,7 +308,10 @@ static int64_t search_arc(Search *search, const Arc *arc, int64_t index, const C
         return search_arc(search, arc, arc[index].child + 1, target, best_part);
     }
     search_part(search, arc + index, target);
-    return search->best < before ? arc[index].begin : best_part;
+    if (search->best == before)
+        return best_part;
+    set_best(search, search->best);
+    return arc[index].begin;
 }
 
 /* Enclose displacements of a joint on lines faster than the best time: less than half a turn. */
@@ -283,7 +319,7 @@ static Span within_half_turn(const Search *search, int joint, Span gap)
 {
     const double shift = TURN * nearbyint(0.5 * (gap.low + gap.high) / TURN);
     const Span moved = {gap.low - shift, gap.high - shift};
-    const int is_sure = moved.low > -PI && moved.high < PI && travel_time(search->law, joint, PI) >= search->best;
+    const int is_sure = moved.low > -PI && moved.high < PI && isfinite(search->reach[joint]);
     return is_sure ? moved : (Span){-INFINITY, INFINITY};
 }
 
@@ -297,19 +333,33 @@ static void enlarge(Displacements *displacements, int joint, Span gap)
     *high = fmax(*high, gap.high);
 }
 
-/* Check whether displacements tell of a joint that it must rise or fall. */
-static int tells(const Displacements *displacements)
+/* Check whether the lines to an arc move a joint at least as far as all others, optionally to its flipped value. */
+static int moves_farther(const Search *search, int joint, const Span *span, int flipped, const Displacements *displacements)
 {
-    int telling = 0;
-    for (int joint = 0; joint < JOINTS; joint++)
-        telling |= displacements->low[joint] > 0.0 || displacements->high[joint] < 0.0;
-    return telling;
+    const double low = displacements->low[joint], high = displacements->high[joint];
+    const Span gap = within_half_turn(search, joint, span_gap(search, joint, span, flipped));
+    return (low <= 0.0 || gap.low >= low) && (high >= 0.0 || gap.high <= high);
+}
+
+/* Check whether the spans of an arc show that its lines do not enlarge the displacements. */
+static int adds_nothing(const Search *search, const Span *span, const Displacements *displacements)
+{
+    const int is_flippable[2] = {!is_triple_too_far(search, 0, span, 1), !is_triple_too_far(search, 1, span, 1)};
+    for (int joint = 0; joint < JOINTS; joint++) {
+        const int tells = displacements->low[joint] > 0.0 || displacements->high[joint] < 0.0;
+        if (!tells || (joint == 3 && search->has_bend))
+            continue;
+        if (!moves_farther(search, joint, span, 0, displacements) ||
+            (joint != 3 && is_flippable[joint > 3] && !moves_farther(search, joint, span, 1, displacements)))
+            return 0;
+    }
+    return 1;
 }
 
 /* Enlarge the displacements by those of the lines to an arc that are faster than the best time. */
 static void add_arc(Search *search, const Arc *arc, int64_t index, const Course *target, Displacements *displacements)
 {
-    if (!tells(displacements) || is_excluded(search, arc[index].span))
+    if (is_excluded(search, arc[index].span) || adds_nothing(search, arc[index].span, displacements))
         return;
     if (arc[index].child) {
         add_arc(search, arc, arc[index].child, target, displacements);
@@ -319,6 +369,7 @@ static void add_arc(Search *search, const Arc *arc, int64_t index, const Course 
     compare_part(search, arc + index, target);
     if (interval_time(search, 0.0, 1.0) >= search->best)
         return;
+    search->has_bend = 1;
     for (int joint = 0; joint < JOINTS; joint++)
         enlarge(displacements, joint, within_half_turn(search, joint, gap_span(search, joint, 0.0, 1.0)));
     for (int triple = 0; triple < 2; triple++)
@@ -374,17 +425,20 @@ int lower_line_times(const LineLaw *law, int free_last, const Circle *from, cons
         search.span = from->span + k * JOINTS;
         /* The flipped value of joint 4 at the target bounds the time from above. */
         const double flipped = span_time(&search, 3, arc->span, 1);
-        search.best = fmin(line[k / refinement], flipped);
+        set_best(&search, fmin(line[k / refinement], flipped));
         search_arc(&search, arc, single[guess], target, guess);
         best_part = search_arc(&search, arc, 0, target, guess);
         line[k / refinement] = fmax(search.best, floor);
         if (law->late == 0.0)
             continue;
-        search.best = line[k / refinement] + law->late;
+        set_best(&search, line[k / refinement] + law->late);
+        search.has_bend = 0;
         if (flipped < search.best)
             forget(enclosed, 0);
-        else
+        else {
+            add_arc(&search, arc, single[best_part], target, enclosed);
             add_arc(&search, arc, 0, target, enclosed);
+        }
         if (free_last)
             forget(enclosed, JOINTS - 1);
     }

@@ -404,17 +404,55 @@ static void raise_by_chains(const Laws *laws, const Chains *chains, Boxes from, 
     }
 }
 
+/* Compute lower bounds of the transfers from a run to `count` runs from `begin` on, with the time added there, at most TILE.
+
+   arrival: least time added in each run of `to`. */
+static void bound_runs(const Laws *laws, const CellRuns *from, int64_t run, const CellRuns *to, int64_t begin,
+                       int64_t count, const float *arrival, float *bound)
+{
+    compute_row(laws, from->runs, run, to->runs, begin, count, bound);
+    for (int64_t j = 0; j < count; j++)
+        bound[j] += arrival[begin + j];
+}
+
+/* Raise these bounds by the speeds of joints at the lines' ends. */
+static void raise_runs(const Laws *laws, const Chains *chains, const CellRuns *from, int64_t run, const CellRuns *to,
+                       int64_t begin, int64_t count, const float *arrival, float *bound)
+{
+    float plain[TILE] = {0.0F};
+    if (chains)
+        raise_by_speeds(laws, chains, NULL, chains->speed[2], from->runs, run, to->runs, begin, count, arrival, bound,
+                        plain);
+}
+
+/* Lower the least time of a pair of groups to that of the transfers between two runs including work; see `least_by_groups`. */
+static void lower_pair(const Laws *laws, const CellRuns *from, int64_t run, const CellRuns *to, const float *work,
+                       const Chains *chains, Candidate candidate, float *best)
+{
+    const int64_t begin = to->first[candidate.index], count = to->first[candidate.index + 1] - begin;
+    float time[TILE], total[TILE], plain[TILE];
+    for (int64_t i = from->first[run]; i < from->first[run + 1] && candidate.bound < *best; i++) {
+        compute_row(laws, from->cells, i, to->cells, begin, count, time);
+        for (int64_t j = 0; j < count; j++)
+            total[j] = plain[j] = time[j] + work[begin + j];
+        if (chains && minimum(total, 0, count) < *best)
+            raise_by_speeds(laws, chains, chains->before ? chains->speed[0] : NULL, chains->speed[1], from->cells, i,
+                            to->cells, begin, count, work, total, plain);
+        const float sum = minimum(total, 0, count);
+        *best = sum < *best ? sum : *best;
+    }
+}
+
 /* Lower the least time of each pair of groups to that of the transfers between their cells including work.
 
-   work: time added at each cell of `to`, (to->cells.count,). chains: NULL for none; they begin after the retract. least: (groups, groups).
-   Returns 0, or 1 if out of memory. */
+   Joints may turn back at once. work: time added at each cell of `to`, (to->cells.count,). chains: laws of joints that
+   pass line ends in motion; NULL for none. least: (groups, groups). Returns 0, or 1 if out of memory. */
 int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *work, const Chains *chains,
                     int64_t groups, float *least)
 {
     const int64_t goals = to->runs.count;
     Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(goals + 1));
     float *bound = malloc(sizeof(float) * (size_t)(2 * goals + 1)), *least_work = bound + goals;
-    float time[TILE], total[TILE], plain[TILE];
     if (!candidates || !bound) {
         free(candidates);
         free(bound);
@@ -424,54 +462,101 @@ int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, 
         least_work[r] = minimum(work, to->first[r], to->first[r + 1]);
     for (int64_t run = 0; run < from->runs.count; run++) {
         float *best = least + from->group[from->first[run]] * groups;
-        for (int64_t r = 0; r < goals; r += TILE)
-            compute_row(laws, from->runs, run, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
         int64_t candidate_count = 0;
-        for (int64_t r = 0; r < goals; r++)
-            bound[r] += least_work[r];
-        for (int64_t r = 0; chains && r < goals; r += TILE)
-            raise_by_speeds(laws, chains, NULL, chains->speed[2], from->runs, run, to->runs, r,
-                            goals - r < TILE ? goals - r : TILE, least_work, bound + r, plain);
-        for (int64_t r = 0; r < goals; r++)
-            if (bound[r] < best[to->group[to->first[r]]])
-                candidates[candidate_count++] = (Candidate){bound[r], (int32_t)r};
-        qsort(candidates, (size_t)candidate_count, sizeof(Candidate), by_bound);
-        for (int64_t p = 0; p < candidate_count; p++) {
-            const int64_t r = candidates[p].index, begin = to->first[r], count = to->first[r + 1] - begin;
-            float *pair_best = best + to->group[begin];
-            for (int64_t i = from->first[run]; i < from->first[run + 1] && candidates[p].bound < *pair_best; i++) {
-                compute_row(laws, from->cells, i, to->cells, begin, count, time);
-                for (int64_t j = 0; j < count; j++)
-                    total[j] = time[j] + work[begin + j];
-                if (chains && minimum(total, 0, count) < *pair_best)
-                    raise_by_speeds(laws, chains, chains->before ? chains->speed[0] : NULL, chains->speed[1], from->cells, i,
-                                    to->cells, begin, count, work, total, plain);
-                if (chains && minimum(total, 0, count) < *pair_best)
-                    raise_by_chains(laws, chains, from->cells, i, to->cells, begin, count, work, time,
-                                    (const float[2]){*pair_best, -INFINITY}, total, plain);
-                const float sum = minimum(total, 0, count);
-                *pair_best = sum < *pair_best ? sum : *pair_best;
-            }
+        for (int64_t begin = 0; begin < goals; begin += BLOCK) {
+            const int64_t count = goals - begin < BLOCK ? goals - begin : BLOCK;
+            int improves = 0;
+            bound_runs(laws, from, run, to, begin, count, least_work, bound + begin);
+            for (int64_t r = begin; r < begin + count; r++)
+                improves |= bound[r] < best[to->group[to->first[r]]];
+            if (!improves)
+                continue;
+            raise_runs(laws, chains, from, run, to, begin, count, least_work, bound + begin);
+            for (int64_t r = begin; r < begin + count; r++)
+                if (bound[r] < best[to->group[to->first[r]]])
+                    candidates[candidate_count++] = (Candidate){bound[r], (int32_t)r};
         }
+        qsort(candidates, (size_t)candidate_count, sizeof(Candidate), by_bound);
+        for (int64_t p = 0; p < candidate_count; p++)
+            lower_pair(laws, from, run, to, work, chains, candidates[p],
+                       best + to->group[to->first[candidates[p].index]]);
     }
     free(candidates);
     free(bound);
     return 0;
 }
 
+/* Transfers whose sums with the times before and after are minimised for each cell of `from`. */
+typedef struct {
+    const Laws *laws;
+    const CellRuns *from, *to;
+    const Chains *chains;            /* NULL for none */
+    const float *arrival, *remaining; /* times added at each cell of `to`, (to->cells.count,) */
+    float *least, *least_plain;      /* after a retract that the chains begin with, and after any motion */
+} Transfers;
+
+/* Lower the least sums of cell i by the transfers to `count` cells from `goal` on, at most TILE. */
+static void lower_sum(const Transfers *transfers, int64_t i, int64_t goal, int64_t count, float floor)
+{
+    const Boxes from = transfers->from->cells, to = transfers->to->cells;
+    const Laws *laws = transfers->laws;
+    const Chains *chains = transfers->chains;
+    const float *arrival = transfers->arrival, *remaining = transfers->remaining;
+    float *least = transfers->least + i, *least_plain = transfers->least_plain + i;
+    float time[TILE], total[TILE], plain[TILE];
+    compute_row(laws, from, i, to, goal, count, time);
+    for (int64_t j = 0; j < count; j++) {
+        const float arriving = time[j] + arrival[goal + j], waiting = floor + remaining[goal + j];
+        total[j] = plain[j] = arriving > waiting ? arriving : waiting;
+    }
+    float sum = minimum(total, 0, count), plain_sum = sum;
+    if (sum >= *least)
+        return;
+    if (chains) {
+        raise_by_speeds(laws, chains, chains->before ? chains->speed[0] : NULL, chains->speed[1], from, i, to, goal,
+                        count, arrival, total, plain);
+        if (minimum(total, 0, count) >= *least && minimum(plain, 0, count) >= *least_plain)
+            return;
+        raise_by_chains(laws, chains, from, i, to, goal, count, arrival, time, (const float[2]){*least, *least_plain},
+                        total, plain);
+        sum = minimum(total, 0, count);
+        plain_sum = minimum(plain, 0, count);
+    }
+    *least = sum < *least ? sum : *least;
+    *least_plain = plain_sum < *least_plain ? plain_sum : *least_plain;
+}
+
+/* Lower the least sums of the cells of a run by the transfers to a run of `to`; return the greatest of them.
+
+   bound: lower bound of the sums. floor: least duration of the stage. */
+static float lower_sums(const Transfers *transfers, int64_t run, int64_t goal_run, float bound, float floor)
+{
+    const int64_t *first = transfers->from->first;
+    const int64_t goal = transfers->to->first[goal_run], count = transfers->to->first[goal_run + 1] - goal;
+    float greatest = 0.0F;
+    for (int64_t i = first[run]; i < first[run + 1]; i++) {
+        const float *least = transfers->least + i;
+        if (bound < *least)
+            lower_sum(transfers, i, goal, count, floor);
+        greatest = *least > greatest ? *least : greatest;
+    }
+    return greatest;
+}
+
 /* Minimise max(transfer + arrival, floor + remaining) over the cells of `to` for each cell of `from`.
 
    arrival, remaining: times added at each cell of `to`, (to->cells.count,). chains: NULL for none. floor: of each pair
    of groups, (groups, groups). least: after a retract that the chains begin with, (from->cells.count,). least_plain:
-   after any motion, (from->cells.count,).
+   after any motion, (from->cells.count,). The pair of runs with the least bound tells which others may be better.
    Returns 0, or 1 if out of memory. */
 int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *arrival, const Chains *chains,
                const float *floor, const float *remaining, int64_t groups, float *least, float *least_plain)
 {
+    const Transfers transfers = {laws, from, to, chains, arrival, remaining, least, least_plain};
     const int64_t goals = to->runs.count;
     Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(goals + 1));
-    float *bound = malloc(sizeof(float) * (size_t)(3 * goals + 1)), time[TILE], total[TILE], plain[TILE];
-    float *least_arrival = bound + goals, *least_remaining = bound + 2 * goals;
+    float *bound = malloc(sizeof(float) * (size_t)(4 * goals + 1));
+    float *least_arrival = bound + goals, *waiting = bound + 2 * goals, *least_remaining = bound + 3 * goals;
     if (!candidates || !bound) {
         free(candidates);
         free(bound);
@@ -482,47 +567,33 @@ int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const
         least_remaining[r] = minimum(remaining, to->first[r], to->first[r + 1]);
     }
     for (int64_t run = 0; run < from->runs.count; run++) {
-        const int64_t begin = from->first[run], end = from->first[run + 1];
-        const float *floors = floor + from->group[begin] * groups;
-        for (int64_t i = begin; i < end; i++)
+        const float *floors = floor + from->group[from->first[run]] * groups;
+        int64_t first = -1, candidate_count = 0;
+        for (int64_t i = from->first[run]; i < from->first[run + 1]; i++)
             least[i] = least_plain[i] = INFINITY;
         for (int64_t r = 0; r < goals; r += TILE)
-            compute_row(laws, from->runs, run, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
-        for (int64_t r = 0; r < goals; r++)
-            bound[r] += least_arrival[r];
-        for (int64_t r = 0; chains && r < goals; r += TILE)
-            raise_by_speeds(laws, chains, NULL, chains->speed[2], from->runs, run, to->runs, r,
-                            goals - r < TILE ? goals - r : TILE, least_arrival, bound + r, plain);
+            bound_runs(laws, from, run, to, r, goals - r < TILE ? goals - r : TILE, least_arrival, bound + r);
         for (int64_t r = 0; r < goals; r++) {
-            const float waiting = floors[to->group[to->first[r]]] + least_remaining[r];
-            candidates[r] = (Candidate){bound[r] > waiting ? bound[r] : waiting, (int32_t)r};
+            waiting[r] = floors[to->group[to->first[r]]] + least_remaining[r];
+            bound[r] = bound[r] > waiting[r] ? bound[r] : waiting[r];
+            first = first < 0 || bound[r] < bound[first] ? r : first;
         }
-        qsort(candidates, (size_t)goals, sizeof(Candidate), by_bound);
-        for (int64_t p = 0; p < goals; p++) {
-            const int64_t r = candidates[p].index, goal = to->first[r], count = to->first[r + 1] - goal;
-            const float pair_floor = floors[to->group[goal]];
-            int improved = 0;
-            for (int64_t i = begin; i < end; i++) {
-                if (candidates[p].bound >= least[i])
-                    continue;
-                improved = 1;
-                compute_row(laws, from->cells, i, to->cells, goal, count, time);
-                for (int64_t j = 0; j < count; j++) {
-                    const float arriving = time[j] + arrival[goal + j], waiting = pair_floor + remaining[goal + j];
-                    total[j] = plain[j] = arriving > waiting ? arriving : waiting;
-                }
-                if (chains && minimum(total, 0, count) < least[i])
-                    raise_by_speeds(laws, chains, chains->before ? chains->speed[0] : NULL, chains->speed[1], from->cells, i,
-                                    to->cells, goal, count, arrival, total, plain);
-                if (chains && (minimum(total, 0, count) < least[i] || minimum(plain, 0, count) < least_plain[i]))
-                    raise_by_chains(laws, chains, from->cells, i, to->cells, goal, count, arrival, time,
-                                    (const float[2]){least[i], least_plain[i]}, total, plain);
-                const float sum = minimum(total, 0, count), plain_sum = minimum(plain, 0, count);
-                least[i] = sum < least[i] ? sum : least[i];
-                least_plain[i] = plain_sum < least_plain[i] ? plain_sum : least_plain[i];
-            }
-            if (!improved)
-                break;
+        float most = INFINITY;
+        if (first >= 0)
+            most = lower_sums(&transfers, run, first, bound[first], floors[to->group[to->first[first]]]);
+        for (int64_t begin = 0; begin < goals; begin += BLOCK) {
+            const int64_t count = goals - begin < BLOCK ? goals - begin : BLOCK;
+            if (minimum(bound, begin, begin + count) >= most)
+                continue;
+            raise_runs(laws, chains, from, run, to, begin, count, least_arrival, bound + begin);
+            for (int64_t r = begin; r < begin + count; r++)
+                if (bound[r] < most && r != first)
+                    candidates[candidate_count++] = (Candidate){bound[r], (int32_t)r};
+        }
+        qsort(candidates, (size_t)candidate_count, sizeof(Candidate), by_bound);
+        for (int64_t p = 0; p < candidate_count && candidates[p].bound < most; p++) {
+            const int64_t r = candidates[p].index;
+            most = lower_sums(&transfers, run, r, candidates[p].bound, floors[to->group[to->first[r]]]);
         }
     }
     free(candidates);
