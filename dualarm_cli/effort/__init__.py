@@ -407,9 +407,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             for_few=FINE,
         ),
         bound=Resolution(step=np.radians(7.5), arm_angles=24, finer=2),
-        passing_bound=Resolution(
-            step=np.radians(2.0), arm_angles=15, finer=1, finer_circle=3
-        ),
+        passing_bound=Resolution(step=np.radians(2.0), arm_angles=15, finer=1, finer_circle=3),
         hopeless_orders=4,
         section_orders=4,
         section_starts=4,
@@ -451,9 +449,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             spares=False,
         ),
         bound=Resolution(step=np.radians(3.0), arm_angles=60, finer=2),
-        passing_bound=Resolution(
-            step=np.radians(0.9), arm_angles=30, finer=1, finer_circle=3
-        ),
+        passing_bound=Resolution(step=np.radians(0.9), arm_angles=30, finer=1, finer_circle=3),
         hopeless_orders=12,
         section_orders=24,
         section_starts=12,
