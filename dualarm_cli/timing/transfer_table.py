@@ -234,9 +234,9 @@ def _laws_without(times: Times, groups: Sequence[Sequence[int]], without: tuple[
     return Laws.of(times, columns, np.cumsum([len(group) for group in kept], dtype=np.int32))
 
 
-def _is_same_law(limits: tuple[float, float], others: tuple[float, float]) -> bool:
+def _is_same_law(limits: tuple[float, float], shared: tuple[float, float]) -> bool:
     """Check whether limits of acceleration and jerk per speed are nearly the same."""
-    return all(x == y or abs(x / y - 1.0) <= SAME_LAW for x, y in zip(limits, others, strict=True))
+    return all(x == y or abs(x / y - 1.0) <= SAME_LAW for x, y in zip(limits, shared, strict=True))
 
 
 def _chain_laws(laws: list[RestToRest], step: float) -> ChainLaws | None:
@@ -249,7 +249,7 @@ def _chain_laws(laws: list[RestToRest], step: float) -> ChainLaws | None:
         rest = law.rest_law
         a, j = rest.acceleration / rest.velocity, rest.jerk / rest.velocity
         for key in zip(a.tolist(), j.tolist(), strict=True):
-            k = next((k for k, other in enumerate(keys) if _is_same_law(key, other)), len(keys))
+            k = next((k for k, limits in enumerate(keys) if _is_same_law(key, limits)), len(keys))
             fastest = np.maximum(key, keys[k]) if k < len(keys) else np.array(key)
             keys[k : k + 1] = [(float(fastest[0]), float(fastest[1]))]
             numbers.append(k)
