@@ -1,16 +1,18 @@
 """Whole `dualarm plan` commands of this checkout against those of another commit, in one run, one after the other.
 
 python -m benchmarks.speed.planning_time --against COMMIT [--stages 24 100] [--efforts quick normal] [--seeds 1 2 3]
-    [--jobs tasks/*/tasks.yaml] [--repeats 5] [--cores 2] [--options="--blend none"]
+    [--robots sda10f iiwa14] [--jobs tasks/*/tasks.yaml] [--repeats 5] [--cores 2] [--options="--blend none"]
 
 Both are installed into a folder that is removed afterwards, with their pages and compiled functions. Every command is a
-process of its own, from its start to its files written. Jobs are those of `long_sequences.py` by stages and seeds, or
-the given task files in one row. A job for which the other commit has no plan is left out.
+process of its own, from its start to its files written. Jobs are those of `long_sequences.py` by robot, stages and
+seeds, or the given task files in one row. A job for which the other commit has no plan is left out. A job counts as
+longer if its cycle is so by more than a millionth.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import resource
@@ -22,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from benchmarks.jobs.long_sequences import write_sequence
+from benchmarks.jobs.long_sequences import ROOMS, write_sequence
 from benchmarks.tables import print_head, print_row, tell
 
 HERE = Path(__file__).resolve().parents[2]
@@ -81,6 +83,7 @@ def main() -> None:
     parser.add_argument("--stages", type=int, nargs="+", default=[24, 100])
     parser.add_argument("--efforts", nargs="+", default=["quick", "normal"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--robots", nargs="+", choices=[*ROOMS], default=["sda10f"])
     parser.add_argument("--jobs", type=Path, nargs="+", default=[], help="in place of sequences")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--cores", type=int, default=2)
@@ -88,24 +91,36 @@ def main() -> None:
     given = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[-given.cores :])
     ratios = "wall, ratio", "processor time, ratio", "cycle, ratio"
-    print_head("stages", "effort", "jobs", "wall before", "now", *ratios)
+    print_head("robot", "stages", "effort", "jobs", "wall before", "now", *ratios, "longer")
     with tempfile.TemporaryDirectory() as name:
         folder, here = Path(name), Path(name) / "here"
         other = installed(given.against, folder)
         pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target"]
         subprocess.run([*pip, str(here), str(HERE)], check=True)
-        files = [path.resolve() for path in given.jobs]
-        for stages in [0] if files else given.stages:
-            jobs = files or [_sequence(folder, stages, seed) for seed in given.seeds]
-            for effort in given.efforts:
-                _row(given, (stages, effort), jobs, folder, (other, here))
+        rows = _job_rows(given, folder)
+        for effort in given.efforts:
+            found = []
+            for what, jobs in rows:
+                pairs = _medians(given, effort, jobs, folder, (other, here))
+                _print(*what, effort, pairs)
+                found += pairs
+            if len(rows) > 1:
+                _print("all", "", effort, found)
 
 
-def _sequence(folder: Path, stages: int, seed: int) -> Path:
-    """Returns the task file of a random sequence."""
-    job = folder / f"{stages}-{seed}"
-    write_sequence("sda10f", stages, seed, job)
-    return job / "tasks.yaml"
+def _job_rows(given: argparse.Namespace, folder: Path) -> list[tuple[tuple[str, str], list[Path]]]:
+    """Returns robot, stages and task files of each row."""
+    if given.jobs:
+        return [(("any", "any"), [path.resolve() for path in given.jobs])]
+    rows = []
+    for robot, stages in itertools.product(given.robots, given.stages):
+        files = []
+        for seed in given.seeds:
+            job = folder / f"{robot}-{stages}-{seed}"
+            write_sequence(robot, stages, seed, job)
+            files.append(job / "tasks.yaml")
+        rows.append(((robot, str(stages)), files))
+    return rows
 
 
 def installed(commit: str, folder: Path) -> Path:
@@ -122,34 +137,42 @@ def installed(commit: str, folder: Path) -> Path:
     return place
 
 
-def _row(
+def _medians(
     given: argparse.Namespace,
-    what: tuple[int, str],
+    effort: str,
     jobs: list[Path],
     folder: Path,
     checkouts: tuple[Path, Path],
-) -> None:
-    """Prints medians over jobs of medians over repeats; `what` are stages, 0 for any, and effort."""
-    stages, effort = what
-    before, now, ratios, used, cycles = [], [], [], [], []
+) -> list[tuple[Run, Run]]:
+    """Returns the medians of each job's repeats, of the other commit and of this one."""
     options = [["--effort", effort], ["--effort", effort, *given.options.split()]]
+    pairs = []
     for job in jobs:
         found = compared(checkouts, job, folder, options, given.repeats)
         if found is None:
             tell(f"{job.parent.name}, {effort}: no plan")
             continue
-        walls = [median(run.wall for run in runs) for runs in found]
-        works = [median(run.processor for run in runs) for runs in found]
-        before.append(walls[0])
-        now.append(walls[1])
-        ratios.append(walls[1] / walls[0])
-        used.append(works[1] / works[0])
-        cycles.append(found[1][0].cycle / found[0][0].cycle)
-        tell(f"{job.parent.name}, {effort}: {ratios[-1]:.3f}, {used[-1]:.3f}, {cycles[-1]:.4f}")
-    if before:
-        walls = f"{median(before):.1f} s", f"{median(now):.1f} s"
-        spans = _span(ratios, 2), _span(used, 2), _span(cycles, 3)
-        print_row(stages or "any", effort, len(before), *walls, *spans)
+        before, now = (
+            Run(median(r.wall for r in runs), median(r.processor for r in runs), runs[0].cycle)
+            for runs in found
+        )
+        pairs.append((before, now))
+        ratios = now.wall / before.wall, now.processor / before.processor, now.cycle / before.cycle
+        tell(f"{job.parent.name}, {effort}: " + ", ".join(f"{ratio:.4f}" for ratio in ratios))
+    return pairs
+
+
+def _print(robot: str, stages: str, effort: str, pairs: list[tuple[Run, Run]]) -> None:
+    """Prints a row: medians over jobs, in brackets the extremes."""
+    if not pairs:
+        return
+    walls = [f"{median(pair[k].wall for pair in pairs):.1f} s" for k in range(2)]
+    ratios = [
+        _span([getattr(now, name) / getattr(before, name) for before, now in pairs], digits)
+        for name, digits in (("wall", 2), ("processor", 2), ("cycle", 3))
+    ]
+    longer = sum(now.cycle > before.cycle * (1.0 + 1e-6) for before, now in pairs)
+    print_row(robot, stages, effort, len(pairs), *walls, *ratios, longer)
 
 
 def _span(values: list[float], digits: int) -> str:
