@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 from dualarm_cli.background import map_halves
@@ -115,8 +114,11 @@ def blended_plan(
     widths = problem.settings.widths if widths is None else widths
     launches = dict(passing_launches(drive, passing, stopping, widths))
 
+    def launched(launches: Launches) -> list[StagePlan]:
+        return with_launches(with_passed_targets(drive, plan.cleared.plans, through), launches)
+
     def timed(launches: Launches) -> _Blend:
-        plans = with_launches(with_passed_targets(drive, plan.cleared.plans, through), launches)
+        plans = launched(launches)
         motion = realise(model, job, plans, timing, cache)
         colliding = clearing.colliding_stages(plans, motion) if clearing is not None else []
         return _Blend(plans, motion, launches, tuple(colliding))
@@ -144,7 +146,7 @@ def blended_plan(
     else:
         blend = _Blend(plan.cleared.plans, before, {}, ())
     if clearing is not None:
-        blend = _cleared(blend, clearing, timed)
+        blend = _cleared(blend, clearing, launched, timed)
     plans, motion = blend.plans, blend.motion
     if blend.colliding or not (blend.launches or through):
         plans, motion = plan.cleared.plans, before
@@ -206,31 +208,42 @@ class _Blend:
                     yield {**self.launches, (k, arm): pair}
 
 
-def _cleared(blend: _Blend, clearing: Clearing, timed: Callable[[Launches], _Blend]) -> _Blend:
+def _cleared(
+    blend: _Blend,
+    clearing: Clearing,
+    launched: Callable[[Launches], list[StagePlan]],
+    timed: Callable[[Launches], _Blend],
+) -> _Blend:
     """Leave out launches until no stage collides.
 
-    One that suffices is left out, else all before the stage.
+    One that suffices is left out, else all before the stage. A launch changes two stages. Only those are timed to find
+    the launches of all colliding stages.
 
     Args:
         blend: stages with all launches.
         clearing: collision checks.
+        launched: builds the stages with other launches.
         timed: times the stages with other launches.
     """
     while blend.colliding:
-        for launches in blend.with_fewer(clearing, blend.colliding[0]):
-            with suppress(InfeasibleError):
-                tried = timed(launches)
-                if set(tried.colliding) < set(blend.colliding):
-                    break
-        else:
+        launches = blend.launches
+        for k in blend.colliding:
+            fewer = replace(blend, launches=launches).with_fewer(clearing, k)
+            start = blend.motion.stages[max(0, k - 2)].start
+            clear = (c for c in fewer if clearing.is_clear_at(launched(c), k, start))
+            found = next(clear, None)
+            launches = launches if found is None else found
+            # Arms that may be late join more than two stages.
+            if found is None or clearing.holding.cell.skew > 0.0:
+                break
+        if launches is blend.launches:
             launches = blend.without_colliding()
             if launches is blend.launches:
                 break
-            try:
-                tried = timed(launches)
-            except InfeasibleError:  # a passed target cannot wait
-                break
-        blend = tried
+        try:
+            blend = timed(launches)
+        except InfeasibleError:  # a passed target cannot wait
+            break
     return blend
 
 

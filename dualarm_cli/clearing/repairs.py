@@ -212,6 +212,26 @@ class Clearing:
             self.seen[keys[k]] = bool(clear)
         return [k for k, key in enumerate(keys) if not self.seen[key]]
 
+    def is_clear_at(self, plans: Sequence[StagePlan], k: int, start: float) -> bool:
+        """Check stages k - 1 and k for collisions, timed from the start [s] of stage k - 2."""
+        # The first stage gives the second one its start in motion.
+        first = max(0, k - 2)
+        try:
+            motion = realise(
+                self.model,
+                self.job,
+                list(plans[first : k + 1]),
+                self.timing,
+                self.cache,
+                clock=start,
+            )
+        except InfeasibleError:
+            return False
+        stages = [
+            self._sampled(motion, n, first) for n in range(max(0, k - 1) - first, k + 1 - first)
+        ]
+        return bool(which_are_clear(self.holding.cell, stages).all())
+
     def repaired(
         self, plan: TimedPlan, colliding_stages: Sequence[int], *, give_up: bool = False
     ) -> TimedPlan:
@@ -253,11 +273,15 @@ class Clearing:
             and not _lines_apart(self._context(plans[k], k))
         ]
 
-    def _sampled(self, motion: Motion, k: int) -> StageSamples:
-        """Sample one stage of a motion, with the previous stage if arms may be late."""
-        samples = stage_samples(motion, k, k, self.holding)
+    def _sampled(self, motion: Motion, k: int, first: int = 0) -> StageSamples:
+        """Sample stage k of a motion, with the previous stage if arms may be late.
+
+        The motion begins with stage `first` of the job.
+        """
+        samples = stage_samples(motion, k, first + k, self.holding)
         if k and self.holding.cell.skew > 0.0:
-            samples = replace(samples, before=stage_samples(motion, k - 1, k - 1, self.holding))
+            before = stage_samples(motion, k - 1, first + k - 1, self.holding)
+            samples = replace(samples, before=before)
         return samples
 
     def _repaired(self, plan: StagePlan, k: int, before: StageSamples | None) -> StagePlan | None:

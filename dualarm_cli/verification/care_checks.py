@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
 
 import numpy as np
@@ -12,7 +13,7 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.model.part_flow import NO_CARE, Care
-from dualarm_cli.model.schedule import Event, Schedule
+from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.measuring.tolerances import TOL
@@ -77,13 +78,16 @@ def check_care(schedule: Schedule, job: Job, model: ToolModel) -> list[Check]:
 
 def _spans(schedule: Schedule, job: Job) -> Iterator[CareSpan]:
     """List the spans of held parts, and of tasks from first transfer to last retract."""
+    events_of: defaultdict[tuple[str, str], list[Event]] = defaultdict(list)
+    moves_of: defaultdict[tuple[str, str], list[Segment]] = defaultdict(list)
+    for event in schedule.events:
+        events_of[event.arm, event.task].append(event)
+    for segment in schedule.segments:
+        if segment.kind != "wait":
+            moves_of[segment.arm, segment.task].append(segment)
     for task in job.tasks:
-        events = [e for e in schedule.events if (e.arm, e.task) == (task.arm, task.id)]
-        moves = [
-            s
-            for s in schedule.segments
-            if (s.arm, s.task) == (task.arm, task.id) and s.kind != "wait"
-        ]
+        key = task.arm, task.id
+        events, moves = events_of[key], moves_of[key]
         times = [t for s in moves for t in (s.start, s.end)] + [e.time for e in events]
         follows = task.path is not None or task.seam is not None
         if times and task.care.slows:
@@ -133,10 +137,11 @@ def _leaning(
 
     The axis that is vertical at the pick is fixed in the tool; at a hand-over it changes the tool.
     """
+    followed = [segment for segment in schedule.segments if segment.kind in ("path", "seam")]
     for task in job.tasks:
-        for segment in schedule.segments:
+        for segment in followed:
             is_followed = (segment.arm, segment.task) == (task.arm, task.id)
-            if is_followed and segment.kind in ("path", "seam") and task.care.tilt < np.inf:
+            if is_followed and task.care.tilt < np.inf:
                 span = CareSpan(
                     task.arm, segment.start, segment.end, task.care, task.id, holds=True
                 )
