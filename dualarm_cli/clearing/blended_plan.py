@@ -231,10 +231,10 @@ def _cleared(
             fewer = replace(blend, launches=launches).with_fewer(clearing, k)
             start = blend.motion.stages[max(0, k - 2)].start
             clear = (c for c in fewer if clearing.is_clear_at(launched(c), k, start))
-            found = next(clear, None)
-            launches = launches if found is None else found
+            candidate = next(clear, None)
+            launches = launches if candidate is None else candidate
             # Arms that may be late join more than two stages.
-            if found is None or clearing.holding.cell.skew > 0.0:
+            if candidate is None or clearing.holding.cell.skew > 0.0:
                 break
         if launches is blend.launches:
             launches = blend.without_colliding()

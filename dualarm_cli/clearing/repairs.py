@@ -213,7 +213,13 @@ class Clearing:
         return [k for k, key in enumerate(keys) if not self.seen[key]]
 
     def is_clear_at(self, plans: Sequence[StagePlan], k: int, start: float) -> bool:
-        """Check stages k - 1 and k for collisions, timed from the start [s] of stage k - 2."""
+        """Check a stage and the one before it for collisions.
+
+        Args:
+            plans: all stages.
+            k: index of the stage.
+            start: start of stage k - 2, from which both are timed [s].
+        """
         # The first stage gives the second one its start in motion.
         first = max(0, k - 2)
         try:
