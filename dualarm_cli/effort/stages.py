@@ -119,7 +119,7 @@ class SearchEffort:
     """Grids of further whole searches, whose blended plans compete.
 
     Short sequences use all, others up to `SCALING.long` stages the first. Which grid leads to the shortest plan is
-    chance.
+    chance: three make 18 jobs of up to twelve stages 0.4 % shorter (mean), the best by 2.3 %.
     """
     local: Mesh = LOCAL
     """Grid around the best plan, for fewer stages than `SCALING.long`."""
