@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from dualarm_cli.clearing import blended_plan
+from dualarm_cli.clearing import blended_plan, repairs
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.repairs import Clearing
+from dualarm_cli.clearing.stage_samples import stage_samples
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
@@ -118,7 +120,11 @@ def test_only_the_launch_that_collides_is_left_out(problem, monkeypatch):
         def colliding(_, plans, motion, stage=stage, key=key):
             return [1] if key in plans[stage].passes else []
 
+        def is_clear_at(_, plans, k, start, stage=stage, key=key):
+            return k != 1 or key not in plans[stage].passes
+
         monkeypatch.setattr(Clearing, "colliding_stages", colliding)
+        monkeypatch.setattr(Clearing, "is_clear_at", is_clear_at)
         found = blended_plan.blended_plan(problem, plan, timing).cleared
         passes = [set(plan.passes) for plan in of_all.plans]
         passes[stage].remove(key)
@@ -142,3 +148,24 @@ def test_a_plan_whose_fewer_launches_have_no_timing_keeps_its_stops(problem, mon
     monkeypatch.setattr(Clearing, "colliding_stages", lambda *_: [1])
     found = blended_plan.blended_plan(problem, plan, timing).cleared
     assert len(calls) > 2 and found.duration == plan.cleared.duration
+
+
+def test_two_stages_alone_move_as_in_the_whole_plan(problem, monkeypatch):
+    """What is checked of stages k - 1 and k, timed with the one before, is their part of the whole motion."""
+    timing, stopping = TIMING_SOLVERS["ruckig"], replace(problem, blending=STOPPING, effort="quick")
+    plan = quickest_clear(stopping, lambda asked: Decided(_stages(asked, "minimum_time")), timing)
+    blended = blended_plan.blended_plan(problem, plan, timing).cleared
+    checked, clearing, stages = [], plan.clearing(problem, timing), blended.motion.stages
+
+    def which_are_clear(_, samples):
+        checked.extend(samples)
+        return np.ones(len(samples), dtype=bool)
+
+    monkeypatch.setattr(repairs, "which_are_clear", which_are_clear)
+    for k in range(len(stages)):
+        assert clearing.is_clear_at(blended.plans, k, stages[max(0, k - 2)].start)
+        numbers = range(max(0, k - 1), k + 1)
+        whole = [stage_samples(blended.motion, n, n, clearing.holding) for n in numbers]
+        for found, expected in zip(checked, whole, strict=True):
+            np.testing.assert_allclose(found.position, expected.position, atol=1e-9)
+        checked.clear()
