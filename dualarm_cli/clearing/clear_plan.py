@@ -32,6 +32,7 @@ from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
 from dualarm_cli.effort import ClearanceSettings, less_effort
+from dualarm_cli.effort.stages import SCALING
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.motion_limits import is_slowed
@@ -109,8 +110,8 @@ def _quickest_clear(
 ) -> ClearedPlan:
     """Plan a job with one method, see `quickest_clear`, and refine the plan.
 
-    Short sequences are searched on further grids as well. No estimate ranks their plans: the two shortest are refined
-    as they are driven.
+    Sequences that are not long are searched on further grids as well. No estimate ranks their plans: the shortest ones
+    are refined as they are driven, two of a short sequence.
     """
     holding = None
     if check_collisions:
@@ -120,14 +121,14 @@ def _quickest_clear(
             raise InfeasibleError(*faults)
     loop = ClearanceLoop(problem, solve, timing, holding)
     plans = [_shortest(loop)]
-    duration = attrgetter("cleared.duration")
+    stages, duration = len(problem.job.stages()), attrgetter("cleared.duration")
     # Methods without refinement have no grids.
     if plans[0].decided.refined is not None and problem.model.has_arm_angles:
-        for mesh in problem.settings.search.further_of(len(problem.job.stages())):
+        for mesh in problem.settings.search.further_of(stages):
             with suppress(InfeasibleError):
                 plans.append(_shortest(replace(loop, problem=replace(problem, meshes=(mesh,)))))
-    shortest = sorted(plans, key=duration)[:2]
-    return min((refined_plan(problem, plan, timing) for plan in shortest), key=duration)
+    plans = sorted(plans, key=duration)[: 2 if stages <= SCALING.short else 1]
+    return min((refined_plan(problem, plan, timing) for plan in plans), key=duration)
 
 
 def _shortest(loop: ClearanceLoop) -> ClearedPlan:
