@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from dualarm_cli.background import map_halves
@@ -236,14 +237,14 @@ def _cleared(
             # Arms that may be late join more than two stages.
             if candidate is None or clearing.holding.cell.skew > 0.0:
                 break
-        if launches is blend.launches:
-            launches = blend.without_colliding()
-            if launches is blend.launches:
-                break
-        try:
-            blend = timed(launches)
-        except InfeasibleError:  # a passed target cannot wait
+        tried = None
+        for fewer_launches in (launches, blend.without_colliding()):
+            if tried is None and fewer_launches is not blend.launches:
+                with suppress(InfeasibleError):  # a passed target cannot wait
+                    tried = timed(fewer_launches)
+        if tried is None:
             break
+        blend = tried
     return blend
 
 

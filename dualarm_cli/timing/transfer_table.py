@@ -109,16 +109,12 @@ class TransferTable:
         acceleration = np.concatenate([law.acceleration for law in laws]) / velocity
         jerk = np.concatenate([law.jerk for law in laws]) / velocity
         step = float((span / velocity).max()) / STEPS
+        limits = list(zip(acceleration.tolist(), jerk.tolist(), strict=True))
         classes = []
         remaining = list(range(len(velocity)))
         while remaining:
             first = remaining[0]
-            same_law = [
-                c
-                for c in remaining
-                if abs(acceleration[c] / acceleration[first] - 1.0) <= SAME_LAW
-                and (jerk[c] == jerk[first] or abs(jerk[c] / jerk[first] - 1.0) <= SAME_LAW)
-            ]
+            same_law = [c for c in remaining if _is_same_law(limits[c], limits[first])]
             law = RestToRest(
                 np.ones(1),
                 acceleration[same_law].max(keepdims=True),
@@ -376,7 +372,7 @@ class Pairs:
     def by_cells(self, work: Times, cells: int) -> Times:
         """Compute the minimum transfer plus work between platform cells [s], shape (g, g).
 
-        Without chains of joints. A pair of platform cells without a transfer has an infinite sum.
+        Joints may turn back at once. A pair of platform cells without a transfer has an infinite sum.
 
         Args:
             work: minimum work of each cell at a transfer's end [s], shape (m,).

@@ -40,7 +40,7 @@ GRIPPING_CELL = """\
 dualarm: cell/1
 robot: sda10f
 tools: {left: {tcp: {xyz: [0, 0, 120 mm]}}, right: {tcp: {xyz: [0, 0, 120 mm]}}}
-parts: {cup: {shapes: [{sphere: {radius: 10 mm}}], grasps: {top: {}}}}
+parts: {cup: {shapes: [{sphere: {radius: 10 mm}}], grasps: {top: {width: 20 mm}}}}
 """
 GRIPPING = """\
 dualarm: tasks/1
