@@ -23,8 +23,6 @@ class LengthScaling:
     """Minimum number of polishing rounds of a short sequence, before they are multiplied."""
     max_factor: int = 4
     """Largest factor of rounds and plans in short sequences."""
-    further_grids_factor: int = 4
-    """Factor from which a sequence gets the grids for short ones as well."""
 
     def damping(self, stages: int) -> float:
         """Compute the damping of thresholds: 1 up to `long`, less in longer sequences."""
@@ -73,11 +71,6 @@ MEDIUM = Mesh(angle_step=np.radians(9.0), arm_angles=17, most_nodes=1500, width=
 """Grid of all sequences at normal effort.
 
 With 12° four of 24 stages are 0.6 % longer (mean), in the same time."""
-FINE = (
-    Mesh(angle_step=np.radians(8.0), arm_angles=22, most_nodes=3000, width=200, per_angle=8),
-    Mesh(angle_step=np.radians(10.0), arm_angles=18, most_nodes=3000, width=100, per_angle=8),
-)
-"""Grids of short sequences at normal effort, and of all at thorough effort."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +106,6 @@ class SearchEffort:
     """Number of refinements of the collision-free plan, each checked exactly."""
     refinement_rounds: int = 8
     """Rounds of random steps in each refinement; more for short sequences."""
-    for_few: tuple[Mesh, ...] = ()
-    """Further grids for short sequences."""
     further_meshes: tuple[Mesh, ...] = ()
     """Grids of further whole searches, whose blended plans compete.
 
@@ -163,10 +154,9 @@ class SearchEffort:
             meshes = tuple(mesh.thinned(share) for mesh in self.meshes)
             return replace(self, meshes=meshes, cycles=cycles, local=local.thinned(share))
         factor = SCALING.factor(stages)
-        is_short, further = stages <= SCALING.short, factor >= SCALING.further_grids_factor
+        is_short = stages <= SCALING.short
         return replace(
             self,
-            meshes=(*self.meshes, *self.for_few) if further else self.meshes,
             trial_rounds=self.trial_rounds * min(factor, 2),
             rounds=factor * (max(self.rounds, SCALING.min_rounds) if is_short else self.rounds),
             cycles=cycles,
@@ -189,10 +179,10 @@ class SearchEffort:
         Their postures take some thirty times as long. They get a single grid, the finer one for short sequences, a grid
         around its plan, and little polishing.
         """
-        few = SCALING.max_factor * stages <= SCALING.long and self.for_few
+        few = self.further_meshes[-1:] if SCALING.max_factor * stages <= SCALING.long else ()
         return replace(
             self,
-            meshes=(self.for_few if few else self.meshes)[:1],
+            meshes=few or self.meshes[:1],
             trial_rounds=max(1, self.trial_rounds // 2),
             rounds=max(self.rounds, SCALING.min_rounds),
             refinement_rounds=self.refinement_rounds // 2,
