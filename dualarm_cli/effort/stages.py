@@ -19,8 +19,6 @@ class LengthScaling:
     """Maximum number of stages of a short sequence."""
     min_node_fraction: float = 0.7
     """Smallest fraction of a grid's nodes that is kept in long sequences."""
-    min_rounds: int = 3
-    """Minimum number of polishing rounds of a short sequence, before they are multiplied."""
     max_factor: int = 4
     """Largest factor of rounds and plans in short sequences."""
 
@@ -82,18 +80,20 @@ class SearchEffort:
     trial_rounds: int
     """Rounds of polishing of every plan before they are combined."""
     rounds: int
-    """Rounds of polishing of the combination."""
-    cycles_in_long: int
-    """Polishing cycles for motion through line ends, in sequences that are not short."""
+    """Rounds of polishing of the combination, at rest."""
     random_steps: int = 0
     """Random steps that are offered in each round."""
     cycles: int = 2
-    """Number of polishing cycles for motion through the outer ends of lines.
+    """Number of polishing cycles for motion through the outer ends of lines, or of as many rounds at rest.
 
     The first cycle has the same launch at every end, the following ones the best launches of the plan.
     """
     passing_rounds: int = 2
-    """Number of polishing rounds in each cycle."""
+    """Number of polishing rounds in each cycle.
+
+    At quick effort four cycles of one make 33 jobs of 4 to 100 stages 0.4 % shorter (mean) than one or two of two, in
+    1.08 times the processor time.
+    """
     follows_rates: tuple[bool, ...] = (False,)
     """Whether these cycles follow the rates at line ends; both variants compete if both are listed.
 
@@ -148,18 +148,15 @@ class SearchEffort:
         More of everything for short sequences, where it takes little time, and fewer nodes for long ones.
         """
         local = NEAR if stages >= SCALING.long else self.local
-        cycles = self.cycles if stages <= SCALING.short else self.cycles_in_long
         if stages > SCALING.long and self.spares:
             share = max(SCALING.min_node_fraction, SCALING.damping(stages))
             meshes = tuple(mesh.thinned(share) for mesh in self.meshes)
-            return replace(self, meshes=meshes, cycles=cycles, local=local.thinned(share))
+            return replace(self, meshes=meshes, local=local.thinned(share))
         factor = SCALING.factor(stages)
-        is_short = stages <= SCALING.short
         return replace(
             self,
             trial_rounds=self.trial_rounds * min(factor, 2),
-            rounds=factor * (max(self.rounds, SCALING.min_rounds) if is_short else self.rounds),
-            cycles=cycles,
+            rounds=self.rounds * factor,
             random_steps=self.random_steps * factor,
             local=local,
             refinement_rounds=self.refinement_rounds * min(factor, 2),
@@ -184,9 +181,7 @@ class SearchEffort:
             self,
             meshes=few or self.meshes[:1],
             trial_rounds=max(1, self.trial_rounds // 2),
-            rounds=max(self.rounds, SCALING.min_rounds),
             refinement_rounds=self.refinement_rounds // 2,
-            cycles=self.cycles if stages <= SCALING.short else self.cycles_in_long,
             plans=max(2, self.plans),
             local_rounds=max(1, self.local_rounds),
         )

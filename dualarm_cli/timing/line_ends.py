@@ -129,12 +129,18 @@ Place = tuple[int, int]
 
 
 def quickest_pair(
-    before: Passings, after: Passings, problem: TransferProblem, rest: float, room: float = 0.0
+    before: Passings,
+    after: Passings,
+    problem: TransferProblem,
+    rest: float,
+    room: float = 0.0,
+    start: tuple[int, int] | None = None,
 ) -> tuple[int, int, float]:
     """Find the best launches of two lines; return also the total time [s].
 
-    A pattern search: from the best of a few pairs to a better neighbour, changing profile and cut of one line or the
-    cuts of both, until there is none. Never slower than from rest to rest; optimality is not guaranteed.
+    A pattern search: from the best of a few pairs, or a given one, to a better neighbour, changing profile and cut of
+    one line or the cuts of both, until there is none. Never slower than from rest to rest; optimality is not
+    guaranteed.
 
     Args:
         before: passings of the retract.
@@ -142,6 +148,7 @@ def quickest_pair(
         problem: the transfer; its rates are ignored.
         rest: its duration from rest to rest [s].
         room: margin to position limits [rad].
+        start: indices of a pair, which is nearly the best; None if none is known.
     """
     transfer, platform = MovingTransfer(problem, room), problem.minimum_duration
     times = before.time.tolist(), after.time.tolist()
@@ -159,10 +166,11 @@ def quickest_pair(
 
     best, pair = least[0, 0], (REST, REST)
     # The best pair only improves: a pair that was not better never is.
-    tried = set(STARTS)
-    for start in STARTS:
-        if (total := time(start, best)) < best:
-            best, pair = total, start
+    starts = STARTS if start is None else ((_place(start[0]), _place(start[1])),)
+    tried = set(starts)
+    for candidate in starts:
+        if (total := time(candidate, best)) < best:
+            best, pair = total, candidate
     for width in ENDS.steps:
         moved = True
         while moved:
@@ -175,6 +183,11 @@ def quickest_pair(
                 if (total := time(candidate, best)) < best - ENDS.less:
                     best, pair, moved = total, candidate, True
     return first[pair[0]], second[pair[1]], best
+
+
+def _place(index: int) -> Place:
+    """Return the profile and cut of a launch by its index."""
+    return divmod(index - 1, len(CUTS)) if index else REST
 
 
 @cache

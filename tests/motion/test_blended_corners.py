@@ -121,6 +121,22 @@ def test_the_pair_is_nearly_the_best_of_all_pairs(script, room, jerk):
         assert time <= 1.02 * best
 
 
+def test_the_pair_near_a_given_one_is_never_slower_than_it(script):
+    """From any pair, from rest, and from the best one, near which there is none better."""
+    rng = np.random.default_rng(4)
+    for corner in islice(script.random_corners(0.08, 9), 4):
+        before, after, problem, rest = families(corner)
+        transfer = MovingTransfer(problem)
+        still = float(before.time[0] + rest + after.time[0])
+        begun = rng.integers(1, [len(before.launches), len(after.launches)], size=(6, 2)).tolist()
+        for i, j in [(0, 0), *begun]:
+            lines = float(before.time[i] + after.time[j])
+            taken = transfer.duration(before.rates[i], after.rates[j]) if i or j else rest
+            near = quickest_pair(before, after, problem, rest, start=(i, j))
+            assert near[2] <= min(still, lines + taken)
+            assert near == quickest_pair(before, after, problem, rest, start=near[:2])
+
+
 def test_lines_are_as_short_as_can_be_where_the_platform_decides(script):
     """It takes two seconds: nothing but the lines' own time is left to save."""
     corner = next(script.random_corners(0.08, 2))

@@ -26,7 +26,6 @@ def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():
 @pytest.mark.full_effort
 @pytest.mark.parametrize(("stages", "more"), [(24, 1), (13, 1), (12, 2), (8, 3), (6, 4), (2, 4)])
 def test_short_sequences_get_more_rounds(stages, more):
-    """As many times as they go into 24, four times at most; short ones begin with three rounds at least."""
+    """As many times as they go into 24, four times at most."""
     for effort in (each.search for each in EFFORTS.values()):
-        least = 3 if more > 1 else 1
-        assert effort.for_stages(stages).rounds == more * max(effort.rounds, least)
+        assert effort.for_stages(stages).rounds == more * effort.rounds

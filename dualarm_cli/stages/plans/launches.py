@@ -57,18 +57,32 @@ def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
 
 
 def with_best_launches(
-    problem: SequenceProblem, plan: Evaluated
+    problem: SequenceProblem, plan: Evaluated, *, near: bool = False
 ) -> tuple[SequenceProblem, Evaluated]:
-    """Evaluate a plan with its best launches, or at rest if the problem has none."""
+    """Evaluate a plan with its best launches, or at rest if the problem has none.
+
+    Args:
+        problem: the sequence.
+        plan: its plan.
+        near: whether the problem's launches suit a similar plan; the best ones are then near them.
+    """
     if problem.launches is not None:
-        problem = replace(problem, launches=best_launches(problem, plan))
+        given = problem.launches if near else None
+        problem = replace(problem, launches=best_launches(problem, plan, given))
     return problem, evaluate(problem, plan.decisions)
 
 
-def best_launches(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, ...]:
+def best_launches(
+    problem: SequenceProblem, plan: Evaluated, near: tuple[IntArray, ...] | None = None
+) -> tuple[IntArray, ...]:
     """Select the fastest launches for a plan's postures by arm, shape (n, 2) each.
 
     Each transfer is optimised by itself.
+
+    Args:
+        problem: the sequence.
+        plan: its plan.
+        near: launches that suit a similar plan; the search then begins there.
     """
     angle = plan.decisions.angle
     before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
@@ -76,7 +90,8 @@ def best_launches(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, 
     arm_launches = []
     for a, work in enumerate(problem.arms):
         launches = np.zeros((problem.stages, 2), dtype=np.int64)
-        of = partial(_best_launches, problem, plan, a, platform)
+        begun = None if near is None else near[a]
+        of = partial(_best_launches, problem, plan, a, platform, begun)
         stages = TransferChain.of(work).active
         stage_launches = map_halves(of, stages.tolist(), problem.settings.shared_transfers)
         for k, pair in zip(stages.tolist(), stage_launches, strict=True):
@@ -88,7 +103,12 @@ def best_launches(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, 
 
 
 def _best_launches(
-    problem: SequenceProblem, plan: Evaluated, a: int, platform: FloatArray, stages: Sequence[int]
+    problem: SequenceProblem,
+    plan: Evaluated,
+    a: int,
+    platform: FloatArray,
+    begun: IntArray | None,
+    stages: Sequence[int],
 ) -> list[tuple[int, int]]:
     """Select the launches of the retract before and the approach of each given stage."""
     work, postures = problem.arms[a], plan.arms[a]
@@ -110,6 +130,8 @@ def _best_launches(
         q = postures.q_retract[previous] if previous >= 0 else start
         transfer = TransferProblem(limits.joints, q, goal, limits, float(platform[k]))
         rest = max(float(platform[k]), float(work.law.duration(goal - q)))
-        i, j, _ = quickest_pair(passings(k - 1, 1), passings(k, 0), transfer, rest)
+        # Before the first stage there is no line: any launch is at rest.
+        given = None if begun is None else (int(begun[k - 1, 1]), int(begun[k, 0]))
+        i, j, _ = quickest_pair(passings(k - 1, 1), passings(k, 0), transfer, rest, start=given)
         pairs.append((i, j))
     return pairs

@@ -103,7 +103,7 @@ class Polishing:
             moved = [_within(problem, variables.moved(best.decisions, row)) for row in steps]
             best = combined(problem, Pool.of(problem, best, moved), best)
             if k % settings.renewal == 0 and k < rounds and best is not renewed:
-                launched, suited = with_best_launches(problem, best)
+                launched, suited = with_best_launches(problem, best, near=True)
                 if suited.total < best.total:
                     problem, best = launched, suited
                 renewed = best

@@ -171,9 +171,10 @@ def polished_thoroughly(
         rivals: plans that may win with line ends in motion: those to polish, and those polished already.
     """
     problem, at_rest = polishing.problem, polishing.at_rest
-    best = at_rest.polished(best, how.rounds, how.random_steps)
     if problem.launches is None:
-        return [best]
+        rounds = how.rounds + how.cycles * how.passing_rounds
+        return [at_rest.polished(best, rounds, how.random_steps)]
+    best = at_rest.polished(best, how.rounds, how.random_steps)
     polished = partial(polished_in_motion, polishing, how)
     unpolished, others = rivals
     variants = [(plan, follows) for plan in (best, *unpolished) for follows in how.follows_rates]
@@ -199,12 +200,12 @@ def polished_in_motion(
     """Polish plans with line ends in motion, following rates or not; return them timed at rest."""
     problem, polished = polishing.problem, list[Evaluated]()
     for plan, follows in plans:
-        best = plan
+        best, moving = plan, problem
         for cycle in cycles:
             if cycle:
-                moving, start = with_best_launches(problem, best)
+                moving, start = with_best_launches(moving, best, near=moving is not problem)
             else:
-                moving, start = problem, evaluate(problem, best.decisions)
+                start = evaluate(problem, best.decisions)
             seed = polishing.seed + cycle
             moved = replace(polishing, problem=moving, seed=seed, follows_rates=follows)
             best = moved.polished(start, how.passing_rounds, how.random_steps)
