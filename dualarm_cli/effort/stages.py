@@ -84,9 +84,10 @@ class SearchEffort:
     random_steps: int = 0
     """Random steps that are offered in each round."""
     cycles: int = 2
-    """Number of polishing cycles for motion through the outer ends of lines, or of as many rounds at rest.
+    """Number of polishing cycles for motion through the outer ends of lines.
 
-    The first cycle has the same launch at every end, the following ones the best launches of the plan.
+    The first cycle has the same launch at every end, the following ones the best launches of the plan. With all stops
+    there are as many further rounds at rest.
     """
     passing_rounds: int = 2
     """Number of polishing rounds in each cycle.
