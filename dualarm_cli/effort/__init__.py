@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.effort.stages import (
     COARSE,
+    FINE,
     MEDIUM,
     NEAR,
     Mesh,
@@ -403,6 +404,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             rounds=3,
             follows_rates=(True, False),
             refinements=4,
+            for_few=FINE,
         ),
         bound=Resolution(step=np.radians(7.5), arm_angles=24, finer=2),
         passing_bound=Resolution(step=np.radians(2.0), arm_angles=15, finer=1, finer_circle=3),
@@ -427,20 +429,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         epochs=EpochEffort(sets=20, moves=400, glance=100, close=20000),
         search=SearchEffort(
             meshes=(
-                Mesh(
-                    angle_step=np.radians(8.0),
-                    arm_angles=22,
-                    most_nodes=3000,
-                    width=200,
-                    per_angle=8,
-                ),
-                Mesh(
-                    angle_step=np.radians(10.0),
-                    arm_angles=18,
-                    most_nodes=3000,
-                    width=100,
-                    per_angle=8,
-                ),
+                *FINE,
                 Mesh(angle_step=np.radians(12.0), arm_angles=14, most_nodes=1500, width=40),
                 Mesh(angle_step=np.radians(15.0), arm_angles=12, most_nodes=1500, width=20),
             ),
