@@ -91,8 +91,8 @@ class SearchEffort:
     cycles: int = 2
     """Number of polishing cycles for motion through the outer ends of lines.
 
-    The first cycle has the same launch at every end, the following ones the best launches of the plan. With all stops
-    there are as many further rounds at rest.
+    The first cycle has the same launch at every end, the following ones the best launches of the plan. With all stops,
+    long sequences have as many further rounds at rest.
     """
     passing_rounds: int = 2
     """Number of polishing rounds in each cycle.

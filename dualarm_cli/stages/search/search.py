@@ -172,8 +172,9 @@ def polished_thoroughly(
     """
     problem, at_rest = polishing.problem, polishing.at_rest
     if problem.launches is None:
-        rounds = how.rounds + how.cycles * how.passing_rounds
-        return [at_rest.polished(best, rounds, how.random_steps)]
+        # At 100 stages of quick effort the further rounds gain 1 %, at fewer stages nothing.
+        further = how.cycles * how.passing_rounds if problem.stages > SCALING.long else 0
+        return [at_rest.polished(best, how.rounds + further, how.random_steps)]
     best = at_rest.polished(best, how.rounds, how.random_steps)
     polished = partial(polished_in_motion, polishing, how)
     unpolished, others = rivals
