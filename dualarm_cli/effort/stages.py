@@ -92,7 +92,7 @@ class SearchEffort:
     """Number of polishing cycles for motion through the outer ends of lines.
 
     The first cycle has the same launch at every end, the following ones the best launches of the plan. With all stops,
-    long sequences have as many further rounds at rest.
+    long sequences have as many further rounds at rest, which gain 1 % at quick effort.
     """
     passing_rounds: int = 2
     """Number of polishing rounds in each cycle.

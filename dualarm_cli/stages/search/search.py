@@ -172,7 +172,6 @@ def polished_thoroughly(
     """
     problem, at_rest = polishing.problem, polishing.at_rest
     if problem.launches is None:
-        # At 100 stages of quick effort the further rounds gain 1 %, at fewer stages nothing.
         further = how.cycles * how.passing_rounds if problem.stages > SCALING.long else 0
         return [at_rest.polished(best, how.rounds + further, how.random_steps)]
     best = at_rest.polished(best, how.rounds, how.random_steps)
@@ -200,8 +199,8 @@ def polished_in_motion(
 ) -> list[Evaluated]:
     """Polish plans with line ends in motion, following rates or not; return them timed at rest."""
     problem, polished = polishing.problem, list[Evaluated]()
-    for plan, follows in plans:
-        best, moving = plan, problem
+    for best, follows in plans:
+        moving = problem
         for cycle in cycles:
             if cycle:
                 moving, start = with_best_launches(moving, best, near=moving is not problem)
