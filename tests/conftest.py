@@ -72,7 +72,8 @@ SCALING, FULL = effort.stages.SCALING, dict(effort.EFFORTS)
 
 def _searching(patch: pytest.MonkeyPatch, *, brief: bool) -> None:
     """Lets short jobs be searched as briefly as long ones, without simpler methods' plans beside, or as for users."""
-    patch.setattr(effort.stages, "SCALING", replace(SCALING, max_factor=1) if brief else SCALING)
+    plain = replace(SCALING, max_factor=1, very_short=0)
+    patch.setattr(effort.stages, "SCALING", plain if brief else SCALING)
     for name in ("quick", "normal"):
         full = FULL[name]
         own = replace(full, search=replace(full.search, begun=0)) if brief else full

@@ -17,6 +17,8 @@ class LengthScaling:
     """Stages above which a sequence is long: fewer nodes, fewer polished plans."""
     short: int = 12
     """Maximum number of stages of a short sequence."""
+    very_short: int = 6
+    """Maximum number of stages of a very short sequence."""
     min_node_fraction: float = 0.7
     """Smallest fraction of a grid's nodes that is kept in long sequences."""
     max_factor: int = 4
@@ -73,7 +75,7 @@ FINE = (
     Mesh(angle_step=np.radians(8.0), arm_angles=22, most_nodes=3000, width=200, per_angle=8),
     Mesh(angle_step=np.radians(10.0), arm_angles=18, most_nodes=3000, width=100, per_angle=8),
 )
-"""Grids of short sequences at normal effort, and of all at thorough effort."""
+"""Further grids of very short sequences at normal effort, and grids of all at thorough effort."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,8 @@ class SearchEffort:
     cycles: int = 2
     """Number of polishing cycles for motion through the outer ends of lines.
 
-    The first cycle has the same launch at every end, the following ones the best launches of the plan. With all stops,
-    long sequences have as many further rounds at rest, which gain 1 % at quick effort.
+    The first cycle has the same launch at every end, the following ones the best launches of the plan. Long sequences
+    that are timed with all stops have as many further rounds at rest, which gain 1 % at 100 stages of quick effort.
     """
     passing_rounds: int = 2
     """Number of polishing rounds in each cycle.
@@ -113,7 +115,7 @@ class SearchEffort:
     refinement_rounds: int = 8
     """Rounds of random steps in each refinement; more for short sequences."""
     for_few: tuple[Mesh, ...] = ()
-    """Further grids of the searches of very short sequences.
+    """Further grids of very short sequences, within the first search.
 
     With them, a job of six stages whose tool speeds are limited is 6 % shorter, and others the same.
     """
@@ -166,7 +168,7 @@ class SearchEffort:
         factor = SCALING.factor(stages)
         return replace(
             self,
-            meshes=(*self.meshes, *self.for_few) if factor == SCALING.max_factor else self.meshes,
+            meshes=(*self.meshes, *self.for_few) if stages <= SCALING.very_short else self.meshes,
             trial_rounds=self.trial_rounds * min(factor, 2),
             rounds=self.rounds * factor,
             random_steps=self.random_steps * factor,
@@ -185,13 +187,13 @@ class SearchEffort:
     def for_general_arms(self, stages: int) -> SearchEffort:
         """Reduce the effort for arms without closed forms.
 
-        Their postures take some thirty times as long. They get a single grid, the finer one for short sequences, a grid
-        around its plan, and little polishing.
+        Their postures take some thirty times as long. They get a single grid, a finer one for very short sequences, a
+        grid around its plan, and little polishing.
         """
-        few = SCALING.max_factor * stages <= SCALING.long and self.for_few
+        finer = self.for_few if stages <= SCALING.very_short else ()
         return replace(
             self,
-            meshes=(self.for_few if few else self.meshes)[:1],
+            meshes=(finer or self.meshes)[:1],
             trial_rounds=max(1, self.trial_rounds // 2),
             refinement_rounds=self.refinement_rounds // 2,
             plans=max(2, self.plans),

@@ -148,7 +148,7 @@ def quickest_pair(
         problem: the transfer; its rates are ignored.
         rest: its duration from rest to rest [s].
         room: margin to position limits [rad].
-        start: indices of a pair, which is nearly the best; None if none is known.
+        start: indices of the launches where the search starts; None for the best of STARTS.
     """
     transfer, platform = MovingTransfer(problem, room), problem.minimum_duration
     times = before.time.tolist(), after.time.tolist()
@@ -186,7 +186,7 @@ def quickest_pair(
 
 
 def _place(index: int) -> Place:
-    """Return the profile and cut of a launch by its index."""
+    """Return the indices of profile and cut of a launch."""
     return divmod(index - 1, len(CUTS)) if index else REST
 
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from dualarm_cli.effort import EFFORTS
-from dualarm_cli.effort.stages import SCALING
+from dualarm_cli.effort.stages import FINE, MEDIUM, SCALING
 
 
 def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():
@@ -21,6 +21,16 @@ def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():
             round(share * mesh.most_nodes) for mesh in normal.meshes
         ]
         assert thorough.for_stages(stages).meshes == thorough.meshes
+
+
+@pytest.mark.full_effort
+def test_very_short_sequences_get_finer_grids_at_normal_effort():
+    """Up to six stages; arms without closed forms get the first of them alone."""
+    normal = EFFORTS["normal"].search
+    assert normal.for_stages(6).meshes == (MEDIUM, *FINE)
+    assert normal.for_stages(7).meshes == (MEDIUM,)
+    assert normal.for_general_arms(6).meshes == FINE[:1]
+    assert normal.for_general_arms(7).meshes == (MEDIUM,)
 
 
 @pytest.mark.full_effort

@@ -13,10 +13,11 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.stop_lines import line_path
-from dualarm_cli.stages.plans.launches import best_launches, default_launches
+from dualarm_cli.stages.plans import launches as plan_launches
+from dualarm_cli.stages.plans.launches import best_launches, default_launches, with_best_launches
 from dualarm_cli.stages.plans.passing import outwards, passed, timed_slopes, transfer_times
 from dualarm_cli.stages.plans.source import postures
-from dualarm_cli.stages.plans.times import evaluate
+from dualarm_cli.stages.plans.times import TransferChain, evaluate
 from dualarm_cli.stages.search.corridor import Pool, stage_costs
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.stretches import stretch_of
@@ -24,7 +25,7 @@ from dualarm_cli.stages.search.variables import Variables
 from dualarm_cli.stages.sequence import stage_plans
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.timing.launch import CUTS, PROFILES, launches, solve_launch
-from dualarm_cli.timing.line_ends import Passings
+from dualarm_cli.timing.line_ends import Passings, quickest_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
@@ -220,6 +221,33 @@ def test_best_launches_are_the_same_with_a_second_process(sequence):
         np.testing.assert_array_equal(one, other)
 
 
+def test_best_launches_begin_with_given_ones(sequence, monkeypatch):
+    """Those of the retract before and of the approach; none where none are given."""
+    _, problem, plan = sequence
+    begun = []
+
+    def recorded(*given, start):
+        begun.append(start)
+        return quickest_pair(*given, start=start)
+
+    monkeypatch.setattr(plan_launches, "quickest_pair", recorded)
+    near = tuple(
+        100 * a + np.arange(2 * problem.stages).reshape(-1, 2) for a in range(len(problem.arms))
+    )
+    best_launches(problem, plan, near)
+    active = [
+        (a, int(k)) for a, work in enumerate(problem.arms) for k in TransferChain.of(work).active
+    ]
+    assert len(begun) == len(active) > 2
+    for (a, k), start in zip(active, begun, strict=True):
+        assert start[1] == near[a][k, 0]
+        if k:
+            assert start[0] == near[a][k - 1, 1]
+    begun.clear()
+    with_best_launches(replace(problem, launches=near), plan)
+    assert set(begun) == {None}
+
+
 @pytest.mark.parametrize("jerk", ["limited", "unlimited"])
 def test_best_launches_are_no_slower_than_rest_at_any_transfer(sequence, jerk):
     """A retract, the transfer after it and the approach after that, for each arm alone."""
@@ -279,7 +307,7 @@ def test_postures_chosen_for_motion_give_shorter_cycles(random_job, monkeypatch)
         monkeypatch.setitem(effort.EFFORTS, "quick", other)
         return [plan_without_bound(job, settings, check_collisions=False) for job in jobs]
 
-    with_it, at_rest = planned(2), planned(0)
+    with_it, at_rest = planned(quick.search.cycles), planned(0)
     ours, theirs = (sum(one.trajectory.duration for one in plans) for plans in (with_it, at_rest))
     assert ours < 0.997 * theirs
 

@@ -90,8 +90,8 @@ def best_launches(
     arm_launches = []
     for a, work in enumerate(problem.arms):
         launches = np.zeros((problem.stages, 2), dtype=np.int64)
-        begun = None if near is None else near[a]
-        of = partial(_best_launches, problem, plan, a, platform, begun)
+        given = None if near is None else near[a]
+        of = partial(_best_launches, problem, plan, a, platform, given)
         stages = TransferChain.of(work).active
         stage_launches = map_halves(of, stages.tolist(), problem.settings.shared_transfers)
         for k, pair in zip(stages.tolist(), stage_launches, strict=True):
@@ -107,7 +107,7 @@ def _best_launches(
     plan: Evaluated,
     a: int,
     platform: FloatArray,
-    begun: IntArray | None,
+    given: IntArray | None,
     stages: Sequence[int],
 ) -> list[tuple[int, int]]:
     """Select the launches of the retract before and the approach of each given stage."""
@@ -130,8 +130,8 @@ def _best_launches(
         q = postures.q_retract[previous] if previous >= 0 else start
         transfer = TransferProblem(limits.joints, q, goal, limits, float(platform[k]))
         rest = max(float(platform[k]), float(work.law.duration(goal - q)))
-        # Before the first stage there is no line: any launch is at rest.
-        given = None if begun is None else (int(begun[k - 1, 1]), int(begun[k, 0]))
-        i, j, _ = quickest_pair(passings(k - 1, 1), passings(k, 0), transfer, rest, start=given)
+        # At k = 0 this reads the last row: there is no line then, so that any launch is at rest.
+        pair = None if given is None else (int(given[k - 1, 1]), int(given[k, 0]))
+        i, j, _ = quickest_pair(passings(k - 1, 1), passings(k, 0), transfer, rest, start=pair)
         pairs.append((i, j))
     return pairs

@@ -35,7 +35,9 @@ class Polishing:
         """The same optimisation with all line ends at rest."""
         return replace(self, problem=replace(self.problem, launches=None))
 
-    def polished(self, start: Evaluated, rounds: int, random_steps: int) -> Evaluated:
+    def polished(
+        self, start: Evaluated, rounds: int, random_steps: int, first: int = 0
+    ) -> Evaluated:
         """Polish a plan; the result is never slower.
 
         Every round offers each stage shares of the linear step and some random steps; dynamic programming combines
@@ -45,6 +47,7 @@ class Polishing:
             start: a possible plan.
             rounds: maximum number of rounds.
             random_steps: number of random steps that are offered besides.
+            first: number of the first round; odd rounds shift the windows of linear steps.
         """
         problem, settings = self.problem, self.problem.settings
         shares = settings.step_shares
@@ -54,7 +57,7 @@ class Polishing:
         # Importing numpy's random module takes time: only if needed.
         random = np.random.default_rng(self.seed) if random_steps else None
         best, radius = start, settings.first_radius
-        for k in range(rounds):
+        for k in range(first, first + rounds):
             radii = np.full(problem.stages + 1, radius)
             follows = self.follows_rates and problem.launches is not None
             step = linear_step(problem, variables, best, radii, k, follows_rates=follows)

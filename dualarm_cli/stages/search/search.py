@@ -206,9 +206,9 @@ def polished_in_motion(
                 moving, start = with_best_launches(moving, best, near=moving is not problem)
             else:
                 start = evaluate(problem, best.decisions)
-            seed = polishing.seed + cycle
+            seed, first = polishing.seed + cycle, cycle * how.passing_rounds
             moved = replace(polishing, problem=moving, seed=seed, follows_rates=follows)
-            best = moved.polished(start, how.passing_rounds, how.random_steps)
+            best = moved.polished(start, how.passing_rounds, how.random_steps, first)
         polished.append(evaluate(polishing.at_rest.problem, best.decisions))
     return polished
 
