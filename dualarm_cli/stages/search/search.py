@@ -173,7 +173,8 @@ def polished_thoroughly(
     problem, at_rest = polishing.problem, polishing.at_rest
     if problem.launches is None:
         further = how.cycles * how.passing_rounds if problem.stages > SCALING.long else 0
-        return [at_rest.polished(best, how.rounds + further, how.random_steps)]
+        rounds = max(how.rounds + further, problem.settings.least_rounds)
+        return [at_rest.polished(best, rounds, how.random_steps)]
     best = at_rest.polished(best, how.rounds, how.random_steps)
     polished = partial(polished_in_motion, polishing, how)
     unpolished, others = rivals
@@ -252,7 +253,6 @@ def search_in_parts(
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
     """
-    at_rest = replace(problem, launches=None)
 
     def decided(first: int, past: int, progress: Progress) -> Decisions | None:
         part_starts = [start.take(np.arange(first, past)) for start in starts]
@@ -284,7 +284,7 @@ def search_in_parts(
     problem.progress("joining its parts")
     for stretch, part in zip(stretches, map_halves(polished, stretches), strict=True):
         decisions = stretch.put(decisions, part)
-    best = evaluate(at_rest, decisions)
+    best = evaluate(replace(problem, launches=None), decisions)
     return SequenceResult(best, None, None) if np.isfinite(best.total) else None
 
 
