@@ -117,7 +117,7 @@ class SearchEffort:
     for_few: tuple[Mesh, ...] = ()
     """Further grids of very short sequences, within the first search.
 
-    With them, a job of six stages whose tool speeds are limited is 6 % shorter, and others the same.
+    With them, of 16 jobs one of six stages whose tool speeds are limited is 6 % shorter, the others by at most 0.3 %.
     """
     further_meshes: tuple[Mesh, ...] = ()
     """Grids of further whole searches, whose blended plans compete.
