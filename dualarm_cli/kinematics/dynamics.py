@@ -33,11 +33,11 @@ class JointCoordinates:
         self._turns = sizes == 2
 
     def of(self, q: FloatArray) -> FloatArray:
-        """Compute pinocchio's coordinates at joint positions [rad, m], shape (n,)."""
-        position, turns, first = q[self.order], self._turns, self._first
-        coordinates = np.empty(self.model.nq)
-        coordinates[first] = np.where(turns, cos(position), position)
-        coordinates[first[turns] + 1] = sin(position[turns])
+        """Compute pinocchio's coordinates at joint positions [rad, m], shape (..., n)."""
+        position, turns, first = q[..., self.order], self._turns, self._first
+        coordinates = np.empty((*q.shape[:-1], self.model.nq))
+        coordinates[..., first] = np.where(turns, cos(position), position)
+        coordinates[..., first[turns] + 1] = sin(position[..., turns])
         return coordinates
 
 
@@ -105,13 +105,13 @@ class Dynamics:
             v: velocities, shape (k, n).
             a: accelerations, shape (k, n).
         """
-        rest, motion, joint = np.empty(q.shape), np.empty(q.shape), self._robot.torques
-        back, order = self._back, self._coordinates.order
-        for k, position in enumerate(q):
-            at = self._coordinates.of(position)
-            rest[k] = pin.computeGeneralizedGravity(self._model, self._data, at)[back]
-            whole = pin.rnea(self._model, self._data, at, v[k][order], a[k][order])
-            motion[k] = whole[back] - rest[k]
+        rest, whole, joint = np.empty(q.shape), np.empty(q.shape), self._robot.torques
+        order, model, data = self._coordinates.order, self._model, self._data
+        rows = zip(self._coordinates.of(q), v[:, order], a[:, order], strict=True)
+        for k, (at, velocity, acceleration) in enumerate(rows):
+            rest[k] = pin.computeGeneralizedGravity(model, data, at)
+            whole[k] = pin.rnea(model, data, at, velocity, acceleration)
+        motion, rest = (whole - rest)[:, self._back], rest[:, self._back]
         rest -= joint.spring + joint.stiffness * q
         return rest, motion + joint.rotor * a, joint.viscous * v
 

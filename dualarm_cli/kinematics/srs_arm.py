@@ -362,9 +362,15 @@ class SrsArm(PostureSource):
 
     def proven_miss(self, R: FloatArray, p: FloatArray) -> tuple[float, float] | None:
         """Return zeros if no posture within limits reaches any of the poses (y,), else None."""
-        # At the ends of its limits an arm has single arm angles, which rounding takes away.
-        wider = replace(self, lower=self.lower - PROVEN_MISS, upper=self.upper + PROVEN_MISS)
-        return None if wider.feasible_arm_angles(R, p).count.any() else (0.0, 0.0)
+        return None if self._wider.feasible_arm_angles(R, p).count.any() else (0.0, 0.0)
+
+    @cached_property
+    def _wider(self) -> SrsArm:
+        """The arm with slightly wider limits.
+
+        At the ends of its limits it has single arm angles, which rounding takes away.
+        """
+        return replace(self, lower=self.lower - PROVEN_MISS, upper=self.upper + PROVEN_MISS)
 
     def may_bend(
         self, R: FloatArray, p: FloatArray, moved: FloatArray, turned: FloatArray
