@@ -10,13 +10,14 @@ of the next round. If clearance still costs much, plans of simpler methods and o
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import field, replace
 from functools import cached_property, partial
 from operator import attrgetter
 
 import numpy as np
 
+from dualarm_cli.background import BackgroundCall, allow_workers
 from dualarm_cli.clearing.blended_plan import (
     blended_plan,
     refined_plan,
@@ -110,8 +111,8 @@ def _quickest_clear(
 ) -> ClearedPlan:
     """Plan a job with one method, see `quickest_clear`, and refine the plan.
 
-    Sequences that are not long are searched on further grids as well. No estimate ranks their plans: the shortest ones
-    are refined as they are driven, two of a short sequence.
+    Sequences that are not long are searched on further grids as well, in a second process. No estimate ranks their
+    plans: the shortest ones are refined as they are driven, two of a short sequence.
     """
     holding = None
     if check_collisions:
@@ -120,15 +121,35 @@ def _quickest_clear(
         if faults := grip_faults(problem.job):
             raise InfeasibleError(*faults)
     loop = ClearanceLoop(problem, solve, timing, holding)
-    plans = [_shortest(loop)]
     stages, duration = len(problem.job.stages()), attrgetter("cleared.duration")
-    # Methods without refinement have no grids.
-    if plans[0].decided.refined is not None and problem.model.has_arm_angles:
-        for mesh in problem.settings.search.further_of(stages):
+    grids = problem.settings.search.further_of(stages) if problem.model.has_arm_angles else ()
+    silent = replace(problem, progress=lambda _: None)
+
+    def on_further_grids() -> list[ClearedPlan]:
+        plans = []
+        for grid in grids:
             with suppress(InfeasibleError):
-                plans.append(_shortest(replace(loop, problem=replace(problem, meshes=(mesh,)))))
+                plan = _shortest(replace(loop, problem=replace(silent, meshes=(grid,))))
+                plans.append(plan.apart())
+        return plans
+
+    # Two searches keep both cores busy: neither has workers of its own.
+    searching = allow_workers(False) if grids else nullcontext()
+    with BackgroundCall(on_further_grids, is_long=bool(grids)) as further:
+        with searching:
+            plans = [_shortest(loop)]
+        refine = plans[0].decided.refined
+        # Methods without refinement have no grids.
+        if refine is not None:
+            plans += further.result()
     plans = sorted(plans, key=duration)[: 2 if stages <= SCALING.short else 1]
-    return min((refined_plan(problem, plan, timing) for plan in plans), key=duration)
+    plans = [replace(p, decided=replace(p.decided, refined=refine), holding=holding) for p in plans]
+    if len(plans) == 1:
+        return refined_plan(problem, plans[0], timing)
+    with BackgroundCall(lambda: refined_plan(silent, plans[1], timing).apart()) as second:
+        with allow_workers(False):
+            first = refined_plan(problem, plans[0], timing)
+        return min(first, replace(second.result(), holding=holding), key=duration)
 
 
 def _shortest(loop: ClearanceLoop) -> ClearedPlan:

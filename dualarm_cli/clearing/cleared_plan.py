@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import field, replace
 
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.motion.transfers import MotionCache
@@ -72,6 +72,11 @@ class ClearedPlan:
         if self.holding is None:
             return None
         return self.cleared.duration + (self.cleared.motion.gain or 0.0) - self.unchecked
+
+    def apart(self) -> ClearedPlan:
+        """Return the plan without what it does not need in another process."""
+        decided = Decided([], self.decided.grid_gap)
+        return replace(self, decided=decided, holding=None, cache=MotionCache(), rivals=())
 
     def costs_more_than(self, fraction: float) -> bool:
         """Return whether stages are blocked, or clearance lengthens the plan by more than a fraction."""
