@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dualarm_cli.background import allow_workers
 from dualarm_cli.clearing import blended_plan, repairs
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.repairs import Clearing
@@ -90,7 +91,8 @@ def test_a_refinement_that_is_longer_is_left_out_and_its_stages_stay(problem, mo
         assert (stage.arrival == same.arrival).all()
 
 
-def test_the_shortest_plan_of_all_grids_stays(problem):
+@pytest.mark.parametrize("workers", [False, True])
+def test_the_shortest_plan_of_all_grids_stays(problem, workers):
     """Each grid has the plan of another method; the grid of the effort has the slow one of `fixed`."""
     grids = (), *((mesh,) for mesh in EFFORTS["normal"].search.further_meshes)
     methods = dict(zip(grids, ("fixed", "minimum_time", "exact"), strict=True))
@@ -101,11 +103,40 @@ def test_the_shortest_plan_of_all_grids_stays(problem):
     def unchanged(stages, *_):
         return list(stages)
 
-    found = planned(lambda asked: Decided(_stages(asked, methods[asked.meshes]), refined=unchanged))
+    with allow_workers(workers):
+        found = planned(
+            lambda asked: Decided(_stages(asked, methods[asked.meshes]), refined=unchanged)
+        )
     alone = [
         planned(lambda asked, name=name: Decided(_stages(asked, name))) for name in methods.values()
     ]
     assert found.duration <= min(plan.duration for plan in alone) < alone[0].duration
+
+
+@pytest.mark.parametrize("workers", [False, True])
+def test_the_second_shortest_plan_may_win_once_refined(problem, workers):
+    """Its refinement alone shortens the waits; a second process reports no progress. One grid has no plan."""
+    own, (further, last) = (), EFFORTS["normal"].search.further_meshes
+    waits, reported = {own: 0.2, (further,): 0.3}, []
+
+    def waiting(stages, wait):
+        return [replace(stage, waits={"left": wait}) for stage in stages]
+
+    def refined(stages, *_):
+        return waiting(stages, 0.1 if stages[0].waits["left"] > 0.2 else 0.2)
+
+    def solve(asked):
+        if asked.meshes == (last,):
+            raise InfeasibleError(Refusal("no_plan_on_grid"))
+        return Decided(waiting(_stages(asked, "exact"), waits[asked.meshes]), refined=refined)
+
+    asked = replace(problem, progress=reported.append)
+    with allow_workers(workers):
+        found = quickest_clear(asked, solve, TIMING_SOLVERS["ruckig"])
+    assert {stage.waits["left"] for stage in found.cleared.plans} == {0.1}
+    assert found.holding is not None
+    refinements = EFFORTS["normal"].search.refinements
+    assert sum("refining" in text for text in reported) == refinements
 
 
 def test_only_the_launch_that_collides_is_left_out(problem, monkeypatch):
