@@ -124,11 +124,11 @@ class InverseDynamics:
         coordinates = np.empty((len(q), model.nq))
         coordinates[:, self._first] = np.where(self._turns, cos(q_own), q_own)
         coordinates[:, self._first[self._turns] + 1] = sin(q_own[:, self._turns])
-        own = np.empty(q.shape)
+        ordered = np.empty(q.shape)
         for row, state in enumerate(zip(coordinates, v_own, a_own, strict=True)):
-            own[row] = pin.rnea(model, data, *state)
+            ordered[row] = pin.rnea(model, data, *state)
         links = np.empty(q.shape)
-        links[:, self._order] = own
+        links[:, self._order] = ordered
         joint = self._torques
         links += joint.rotor * a + joint.viscous * v - joint.spring - joint.stiffness * q
         sign = np.where(np.abs(v) > SAMPLING.at_rest, np.sign(v), np.sign(links))
