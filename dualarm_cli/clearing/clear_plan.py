@@ -32,7 +32,7 @@ from dualarm_cli.clearing.blocked import (
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
-from dualarm_cli.effort import ClearanceSettings, less_effort
+from dualarm_cli.effort import ClearanceSettings, further_searches, less_effort
 from dualarm_cli.effort.stages import SCALING
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.blending import STOPPING
@@ -111,8 +111,9 @@ def _quickest_clear(
 ) -> ClearedPlan:
     """Plan a job with one method, see `quickest_clear`, and refine the plan.
 
-    Sequences that are not long are searched on further grids as well, in a second process. No estimate ranks their
-    plans: the shortest ones are refined as they are driven, two of a short sequence.
+    Sequences that are not long are searched on further grids as well, in a second process, by thorough effort also on
+    those of normal effort. No estimate ranks their plans: the shortest ones are refined as they are driven, two of a
+    short sequence.
     """
     holding = None
     if check_collisions:
@@ -122,21 +123,21 @@ def _quickest_clear(
             raise InfeasibleError(*faults)
     loop = ClearanceLoop(problem, solve, timing, holding)
     stages, duration = len(problem.job.stages()), attrgetter("cleared.duration")
-    grids = problem.settings.search.further_of(stages) if problem.model.has_arm_angles else ()
+    searches = further_searches(problem.effort, stages) if problem.model.has_arm_angles else []
     silent = replace(problem, progress=lambda _: None)
 
-    def on_further_grids() -> list[ClearedPlan]:
+    def further_plans() -> list[ClearedPlan]:
         plans = []
-        for grid in grids:
+        for effort, grid in searches:
+            other = replace(silent, effort=effort, meshes=(grid,))
             with suppress(InfeasibleError):
-                plan = _shortest(replace(loop, problem=replace(silent, meshes=(grid,))))
-                plans.append(plan.apart())
+                plans.append(_shortest(replace(loop, problem=other)).apart())
         return plans
 
-    # Two searches keep both cores busy: neither has workers of its own.
-    searching = allow_workers(False) if grids else nullcontext()
-    with BackgroundCall(on_further_grids, is_long=bool(grids)) as further:
-        with searching:
+    # Searches of the same effort keep both cores busy, those of a lower one do not.
+    is_busy = any(effort == problem.effort for effort, _ in searches)
+    with BackgroundCall(further_plans, is_long=bool(searches)) as further:
+        with allow_workers(False) if is_busy else nullcontext():
             plans = [_shortest(loop)]
         refine = plans[0].decided.refined
         # Methods without refinement have no grids.

@@ -12,6 +12,7 @@ from dualarm_cli.effort.stages import (
     FINE,
     MEDIUM,
     NEAR,
+    SCALING,
     Mesh,
     SearchEffort,
     SequenceSettings,
@@ -440,6 +441,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             passing_rounds=4,
             follows_rates=(True, False),
             rivals=6,
+            joined="normal",
             refinements=6,
             refinement_rounds=24,
             local_rounds=2,
@@ -458,6 +460,19 @@ EFFORTS: Mapping[str, EffortSettings] = {
     ),
 }
 """Settings by value of `--effort`; a higher effort usually gives a shorter plan."""
+
+
+def further_searches(effort: str, stages: int) -> list[tuple[str, Mesh]]:
+    """List effort and grid of each further search of a sequence: none of a long one, all of a short one."""
+    if not 0 < stages <= SCALING.long:
+        return []
+    how = EFFORTS[effort].search
+    meshes = how.further_meshes if stages <= SCALING.short else how.further_meshes[:1]
+    own = [(effort, mesh) for mesh in meshes]
+    if not how.joined:
+        return own
+    joined = [(how.joined, mesh) for mesh in EFFORTS[how.joined].search.meshes]
+    return [*joined, *further_searches(how.joined, stages), *own]
 
 
 def less_effort(effort: str) -> str | None:

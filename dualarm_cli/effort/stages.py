@@ -126,6 +126,11 @@ class SearchEffort:
     chance: three make 18 jobs of up to twelve stages 0.4 % shorter (mean), the best by 2.3 %. Beyond, the second one
     prevents bad luck for 1.25 times the time: with the first alone one job of 24 stages is 3 % longer.
     """
+    joined: str = ""
+    """Lower effort whose searches are further ones; their plans are refined at this effort. Empty for none.
+
+    One search may be behind those of a lower effort, even if it takes longer than all of them.
+    """
     local: Mesh = LOCAL
     """Grid around the best plan, for fewer stages than `SCALING.long`."""
     local_rounds: int = 1
@@ -177,12 +182,6 @@ class SearchEffort:
             local_rounds=self.local_rounds * factor,
             plans=self.plans * factor,
         )
-
-    def further_of(self, stages: int) -> tuple[Mesh, ...]:
-        """Select the grids of further searches of a sequence."""
-        if not 0 < stages <= SCALING.long:
-            return ()
-        return self.further_meshes if stages <= SCALING.short else self.further_meshes[:1]
 
     def for_general_arms(self, stages: int) -> SearchEffort:
         """Reduce the effort for arms without closed forms.

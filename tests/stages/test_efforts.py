@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from dualarm_cli.effort import EFFORTS
-from dualarm_cli.effort.stages import FINE, MEDIUM, SCALING
+from dualarm_cli.effort import EFFORTS, further_searches
+from dualarm_cli.effort.stages import COARSE, FINE, MEDIUM, SCALING
 
 
 def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():
@@ -31,6 +31,17 @@ def test_very_short_sequences_get_finer_grids_at_normal_effort():
     assert normal.for_stages(7).meshes == (MEDIUM,)
     assert normal.for_general_arms(6).meshes == FINE[:1]
     assert normal.for_general_arms(7).meshes == (MEDIUM,)
+
+
+def test_further_searches_of_thorough_effort_are_all_those_of_normal_effort():
+    """Up to 12 stages all three of its grids, up to 24 the first two, beyond none; quick effort has none."""
+    assert [further_searches("quick", stages) for stages in (2, 24)] == [[], []]
+    for stages, count in ((0, 0), (1, 3), (12, 3), (13, 2), (24, 2), (25, 0)):
+        thorough = further_searches("thorough", stages)
+        grids = [MEDIUM, *EFFORTS["normal"].search.further_meshes]
+        assert thorough == [("normal", grid) for grid in grids[:count]]
+        assert further_searches("normal", stages) == thorough[1:]
+    assert grids[1] == COARSE
 
 
 @pytest.mark.full_effort
