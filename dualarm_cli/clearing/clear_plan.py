@@ -129,9 +129,9 @@ def _quickest_clear(
     def further_plans() -> list[ClearedPlan]:
         plans = []
         for effort, grid in searches:
-            other = replace(silent, effort=effort, meshes=(grid,))
+            variant = replace(silent, effort=effort, meshes=(grid,))
             with suppress(InfeasibleError):
-                plans.append(_shortest(replace(loop, problem=other)).apart())
+                plans.append(_shortest(replace(loop, problem=variant)).apart())
         return plans
 
     # Searches of the same effort keep both cores busy, those of a lower one do not.

@@ -463,16 +463,19 @@ EFFORTS: Mapping[str, EffortSettings] = {
 
 
 def further_searches(effort: str, stages: int) -> list[tuple[str, Mesh]]:
-    """List effort and grid of each further search of a sequence: none of a long one, all of a short one."""
+    """List effort and grid of each further search of a sequence.
+
+    Short sequences have all, long ones none.
+    """
     if not 0 < stages <= SCALING.long:
         return []
     how = EFFORTS[effort].search
     meshes = how.further_meshes if stages <= SCALING.short else how.further_meshes[:1]
-    own = [(effort, mesh) for mesh in meshes]
+    searches = [(effort, mesh) for mesh in meshes]
     if not how.joined:
-        return own
+        return searches
     joined = [(how.joined, mesh) for mesh in EFFORTS[how.joined].search.meshes]
-    return [*joined, *further_searches(how.joined, stages), *own]
+    return [*joined, *further_searches(how.joined, stages), *searches]
 
 
 def less_effort(effort: str) -> str | None:

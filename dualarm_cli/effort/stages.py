@@ -127,9 +127,9 @@ class SearchEffort:
     prevents bad luck for 1.25 times the time: with the first alone one job of 24 stages is 3 % longer.
     """
     joined: str = ""
-    """Lower effort whose searches are further ones; their plans are refined at this effort. Empty for none.
+    """Lower effort whose searches are further ones; empty for none.
 
-    One search may be behind those of a lower effort, even if it takes longer than all of them.
+    The plans are refined at this effort. One search may be behind those of a lower effort, even if it takes longer than all of them.
     """
     local: Mesh = LOCAL
     """Grid around the best plan, for fewer stages than `SCALING.long`."""
