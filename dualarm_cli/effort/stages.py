@@ -129,7 +129,8 @@ class SearchEffort:
     joined: str = ""
     """Lower effort whose searches are further ones; empty for none.
 
-    The plans are refined at this effort. One search may be behind those of a lower effort, even if it takes longer than all of them.
+    The plans are refined at this effort. One search may be behind those of a lower effort, even if it takes
+    longer than all of them.
     """
     local: Mesh = LOCAL
     """Grid around the best plan, for fewer stages than `SCALING.long`."""
