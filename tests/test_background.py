@@ -266,10 +266,11 @@ def test_a_result_that_nobody_asks_for_is_not_waited_for():
     assert time.monotonic() - begin < 30.0
 
 
-def test_a_plan_is_the_same_with_a_second_process(tasks_folder):
-    """And both have a bound."""
+@pytest.mark.parametrize("effort", ["quick", "normal"])
+def test_a_plan_is_the_same_with_a_second_process(tasks_folder, effort):
+    """And both have a bound; normal effort searches on several grids, and refines two plans."""
     job = packing_job(tasks_folder, 2)
-    settings = PlanSettings(effort="quick")
+    settings = PlanSettings(effort=effort)
     found = []
     for copied in (False, True):
         with allow_workers(copied):

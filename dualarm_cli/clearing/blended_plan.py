@@ -256,15 +256,15 @@ def refined_plan(problem: MethodProblem, plan: ClearedPlan, timing: TimingSolver
         plan: a collision-free plan, blended if the problem allows it.
         timing: solver that times motions.
     """
-    refine, clearing = plan.decided.refined, plan.clearing(problem, timing)
-    if refine is None:
+    refine, clearing = problem.refine, plan.clearing(problem, timing)
+    if refine is None or not problem.refines:
         return plan
     model, job, kept, best = problem.model, problem.job, set[int](), plan
     for attempt in range(problem.settings.search.refinements):
         of_all = f"{attempt + 1} of {problem.settings.search.refinements}"
         problem.progress(f"refining the plan, attempt {of_all}")
         before = best.stopping or best.cleared
-        stages = refine(before.plans, plan.holding, kept, attempt)
+        stages = refine(replace(problem, holding=plan.holding), before.plans, kept, attempt)
         try:
             refined = TimedPlan(stages, realise(model, job, stages, timing, plan.cache))
         except InfeasibleError:

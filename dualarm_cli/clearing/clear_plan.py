@@ -111,9 +111,8 @@ def _quickest_clear(
 ) -> ClearedPlan:
     """Plan a job with one method, see `quickest_clear`, and refine the plan.
 
-    Sequences that are not long are searched on further grids as well, in a second process, by thorough effort also on
-    those of normal effort. No estimate ranks their plans: the shortest ones are refined as they are driven, two of a
-    short sequence.
+    Sequences that are not long are searched again on the grids of `further_searches`, in a second process. No estimate
+    ranks their plans: the shortest ones are refined as they are driven, two of a short sequence.
     """
     holding = None
     if check_collisions:
@@ -123,15 +122,15 @@ def _quickest_clear(
             raise InfeasibleError(*faults)
     loop = ClearanceLoop(problem, solve, timing, holding)
     stages, duration = len(problem.job.stages()), attrgetter("cleared.duration")
-    searches = further_searches(problem.effort, stages) if problem.model.has_arm_angles else []
-    silent = replace(problem, progress=lambda _: None)
+    has_grids = problem.refines and problem.model.has_arm_angles
+    searches = further_searches(problem.effort, stages) if has_grids else []
 
     def further_plans() -> list[ClearedPlan]:
         plans = []
         for effort, grid in searches:
-            variant = replace(silent, effort=effort, meshes=(grid,))
+            variant = replace(problem, effort=effort, meshes=(grid,), progress=_silent)
             with suppress(InfeasibleError):
-                plans.append(_shortest(replace(loop, problem=variant)).apart())
+                plans.append(_shortest(replace(loop, problem=variant)).sent())
         return plans
 
     # Searches of the same effort keep both cores busy, those of a lower one do not.
@@ -139,25 +138,39 @@ def _quickest_clear(
     with BackgroundCall(further_plans, is_long=bool(searches)) as further:
         with allow_workers(False) if is_busy else nullcontext():
             plans = [_shortest(loop)]
-        refine = plans[0].decided.refined
-        # Methods without refinement have no grids.
-        if refine is not None:
-            plans += further.result()
+        if searches:
+            problem.progress("searching on further grids")
+        plans += [replace(plan, holding=holding) for plan in further.result()]
     plans = sorted(plans, key=duration)[: 2 if stages <= SCALING.short else 1]
-    plans = [replace(p, decided=replace(p.decided, refined=refine), holding=holding) for p in plans]
+    return min(_refined(problem, plans, timing), key=duration)
+
+
+def _silent(_: str) -> None:
+    """Take a message of a process whose progress is not shown."""
+
+
+def _refined(
+    problem: MethodProblem, plans: Sequence[ClearedPlan], timing: TimingSolver
+) -> list[ClearedPlan]:
+    """Refine one or two plans, the second in a second process."""
     if len(plans) == 1:
-        return refined_plan(problem, plans[0], timing)
-    with BackgroundCall(lambda: refined_plan(silent, plans[1], timing).apart()) as second:
+        return [refined_plan(problem, plans[0], timing)]
+
+    def refined_second() -> ClearedPlan:
+        return refined_plan(replace(problem, progress=_silent), plans[1], timing).sent()
+
+    with BackgroundCall(refined_second) as second:
         with allow_workers(False):
             first = refined_plan(problem, plans[0], timing)
-        return min(first, replace(second.result(), holding=holding), key=duration)
+        return [first, replace(second.result(), holding=first.holding)]
 
 
 def _shortest(loop: ClearanceLoop) -> ClearedPlan:
     """Plan a job with one grid, blended where allowed, without refinement."""
     problem, timing = loop.problem, loop.timing
     if not problem.blends:
-        return loop.run()
+        solve = with_room(problem, loop.solve) if problem.keeps_room else loop.solve
+        return replace(loop, solve=solve).run()
 
     def chosen_for_stops() -> ClearedPlan:
         plan = replace(loop, problem=replace(problem, blending=STOPPING)).run()

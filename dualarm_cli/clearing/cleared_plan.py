@@ -73,8 +73,11 @@ class ClearedPlan:
             return None
         return self.cleared.duration + (self.cleared.motion.gain or 0.0) - self.unchecked
 
-    def apart(self) -> ClearedPlan:
-        """Return the plan without what it does not need in another process."""
+    def sent(self) -> ClearedPlan:
+        """Return what a worker process sends of the plan.
+
+        The bodies are those of the process that receives it; proposal, timed motions and rivals are left out.
+        """
         decided = Decided([], self.decided.grid_gap)
         return replace(self, decided=decided, holding=None, cache=MotionCache(), rivals=())
 

@@ -465,7 +465,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
 def further_searches(effort: str, stages: int) -> list[tuple[str, Mesh]]:
     """List effort and grid of each further search of a sequence.
 
-    Short sequences have all, long ones none.
+    Short sequences have all grids of an effort, longer ones the first, long ones none.
     """
     if not 0 < stages <= SCALING.long:
         return []

@@ -127,9 +127,9 @@ class SearchEffort:
     prevents bad luck for 1.25 times the time: with the first alone one job of 24 stages is 3 % longer.
     """
     joined: str = ""
-    """Lower effort whose searches are further ones; empty for none.
+    """Lower effort on whose grids further searches are made, with its settings; empty for none.
 
-    The plans are refined at this effort. One search may be behind those of a lower effort, even if it takes
+    All plans are refined at the higher effort. One search may be behind those of a lower effort, even if it takes
     longer than all of them.
     """
     local: Mesh = LOCAL

@@ -107,7 +107,8 @@ class Dynamics:
         """
         rest, whole, joint = np.empty(q.shape), np.empty(q.shape), self._robot.torques
         order, model, data = self._coordinates.order, self._model, self._data
-        rows = zip(self._coordinates.of(q), v[:, order], a[:, order], strict=True)
+        rates = (np.take(x, order, axis=1) for x in (v, a))
+        rows = zip(self._coordinates.of(q), *rates, strict=True)
         for k, (at, velocity, acceleration) in enumerate(rows):
             rest[k] = pin.computeGeneralizedGravity(model, data, at)
             whole[k] = pin.rnea(model, data, at, velocity, acceleration)

@@ -368,7 +368,7 @@ class SrsArm(PostureSource):
     def _wider(self) -> SrsArm:
         """The arm with slightly wider limits.
 
-        At the ends of its limits it has single arm angles, which rounding takes away.
+        Rounding takes away the single arm angles at the ends of its limits.
         """
         return replace(self, lower=self.lower - PROVEN_MISS, upper=self.upper + PROVEN_MISS)
 

@@ -22,6 +22,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.registry import Solver
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.methods import METHODS
+from dualarm_cli.stages.sequence import refined_sequence
 from dualarm_cli.stages.serving import (
     NUMERIC,
     SEQUENCE,
@@ -89,6 +90,7 @@ class PlannedJob:
             settings.seed,
             blending=self.blending,
             limits_torques=self.limits_torques,
+            refine=refined_sequence if settings.platform == SEQUENCE else None,
             compares_care=settings.platform == SEQUENCE,
         )
 

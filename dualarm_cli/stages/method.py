@@ -10,6 +10,7 @@ from dualarm_cli.effort.stages import Mesh
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import STOPPING, Blending
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion_limits import is_slowed
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
@@ -58,6 +59,10 @@ class MethodProblem:
     """Rule for passing targets and line ends in motion."""
     limits_torques: bool = False
     """Flag of plans that have to stay within the joints' torques."""
+    keeps_room: bool = False
+    """Whether a plan with stops keeps room for blending from the joint limits, as it is blended later."""
+    refine: Refine | None = None
+    """Refinement of the method's collision-free plans; None if it has none."""
     compares_care: bool = False
     """Whether the method can search with care, so that searches without and with it compete."""
     is_careful: bool = False
@@ -78,6 +83,18 @@ class MethodProblem:
         return any(self.blending.passes(stop) for task in self.job.tasks for stop in task.stops)
 
     @property
+    def is_timed_whole(self) -> bool:
+        """Whether searches can time whole plans: without tool speed limits, care and conveyors."""
+        belts = any(stop.belt is not None for task in self.job.tasks for stop in task.stops)
+        return not is_slowed(self.job) and not belts
+
+    @property
+    def refines(self) -> bool:
+        """Whether the method has grids, and refines collision-free plans of this job."""
+        is_asked = self.refine is not None and self.settings.search.refinements > 0
+        return is_asked and bool(self.job.tasks) and self.is_timed_whole
+
+    @property
     def turns_for_both(self) -> bool:
         """Whether one platform angle is chosen for two arms."""
         return self.model.platform.is_turntable and len(self.model.arms) == 2
@@ -92,10 +109,11 @@ class MethodProblem:
         )
 
 
-Refine = Callable[[Sequence[StagePlan], Holding | None, Collection[int], int], list[StagePlan]]
+Refine = Callable[[MethodProblem, Sequence[StagePlan], Collection[int], int], list[StagePlan]]
 """Refinement of a plan's stages.
 
-Arguments are the stages, the bodies that must not collide (or None), the stages that stay, and the attempt.
+Arguments are the problem with the bodies that must not collide, the stages, the numbers of those that stay, and the
+attempt.
 """
 
 
@@ -116,7 +134,5 @@ class Decided:
     """Further plans that exact timing may show to be faster."""
     is_infeasible: bool = False
     """Whether every plan on the grid collides at a stop; the plan shows where."""
-    refined: Refine | None = field(default=None, compare=False, repr=False)
-    """Refinement of a collision-free plan; None if the method or its effort has none."""
     simpler: Callable[[], list[list[StagePlan]]] | None = None
     """Plans of simpler methods, computed if clearance is expensive; None if already compared."""

@@ -17,7 +17,6 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.motion_limits import is_slowed
 from dualarm_cli.postures import StopPosture
-from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, same_postures
 from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.refusals import Refusal
@@ -41,7 +40,7 @@ from dualarm_cli.stages.search.search import (
 )
 from dualarm_cli.stages.search.shared_angles import stages_apart
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.stages.serving import FIXED
+from dualarm_cli.stages.serving import FIXED, with_stopping_room
 from dualarm_cli.stages.stage_by_stage import check_stages, choose_stages, choose_stages_with
 
 
@@ -150,23 +149,17 @@ def _posture(plan: Evaluated, arm: int, stage: int) -> StopPosture:
 
 
 def solve_sequence(problem: MethodProblem) -> Decided:
-    """Plan the whole sequence, see `_solved`, and offer to refine the collision-free plan."""
+    """Plan the whole sequence, see `_solved`."""
     with ExitStack() as workers:
-        decided = _solved(problem, workers)
-    if not problem.settings.search.refinements or not _is_timed_whole(problem.job):
-        return decided
-    return replace(decided, refined=partial(_refined, problem))
+        return _solved(problem, workers)
 
 
-def _refined(
-    problem: MethodProblem,
-    stages: Sequence[StagePlan],
-    holding: Holding | None,
-    kept: Collection[int],
-    attempt: int,
+def refined_sequence(
+    problem: MethodProblem, stages: Sequence[StagePlan], kept: Collection[int], attempt: int
 ) -> list[StagePlan]:
     """Shorten a plan by the search's refinement, see `Refine`."""
-    problem = replace(problem, holding=holding, no_goods=())
+    if problem.blends or problem.keeps_room:
+        problem = replace(with_stopping_room(problem), without_margin=problem)
     problem, numbers = _within_limits(problem, _numbers(problem))
     # A transfer that waits or makes a detour keeps both its ends.
     repaired = {k for k, stage in enumerate(stages) if stage.waits or stage.detours}
@@ -314,7 +307,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
         meshes=problem.meshes,
         progress=problem.progress,
     )
-    if not (problem.blends and _is_timed_whole(job) and lines):
+    if not (problem.blends and problem.is_timed_whole and lines):
         return numbers
     if problem.without_margin is not None:
         limits = problem.without_margin.job.limits
@@ -323,12 +316,6 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
         )
         numbers = replace(numbers, arms=tuple(arms))
     return replace(numbers, launches=default_launches(numbers))
-
-
-def _is_timed_whole(job: Job) -> bool:
-    """Check whether the search times whole plans: without tool speed limits, care and conveyors."""
-    belts = any(stop.belt is not None for task in job.tasks for stop in task.stops)
-    return not is_slowed(job) and not belts
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:

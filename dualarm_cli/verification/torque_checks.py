@@ -120,7 +120,7 @@ class InverseDynamics:
             loads: what the arms carry.
         """
         model, data = self._loaded(tuple(loads))
-        q_own, v_own, a_own = (x[:, self._order] for x in (q, v, a))
+        q_own, v_own, a_own = (np.take(x, self._order, axis=1) for x in (q, v, a))
         coordinates = np.empty((len(q), model.nq))
         coordinates[:, self._first] = np.where(self._turns, cos(q_own), q_own)
         coordinates[:, self._first[self._turns] + 1] = sin(q_own[:, self._turns])

@@ -71,17 +71,17 @@ def test_a_refinement_that_is_longer_is_left_out_and_its_stages_stay(problem, mo
     once = replace(normal, search=replace(normal.search, further_meshes=()))
     monkeypatch.setitem(EFFORTS, "normal", once)
 
-    def refined(stages, holding, kept, attempt):
-        assert (holding is None, attempt) == (False, len(kept_stages))
+    def refined(asked, stages, kept, attempt):
+        assert (asked.holding is None, attempt) == (False, len(kept_stages))
         kept_stages.append(set(kept))
-        return _stages(replace(problem, holding=holding), "fixed")
+        return _stages(asked, "fixed")
 
     def solve(asked):
-        return Decided(_stages(asked, "minimum_time"), refined=refined)
+        return Decided(_stages(asked, "minimum_time"))
 
     timing = TIMING_SOLVERS["ruckig"]
-    found = quickest_clear(problem, solve, timing)
-    plain = quickest_clear(problem, lambda asked: replace(solve(asked), refined=None), timing)
+    found = quickest_clear(replace(problem, refine=refined), solve, timing)
+    plain = quickest_clear(problem, solve, timing)
     assert len(kept_stages) == EFFORTS["normal"].search.refinements
     assert not kept_stages[0]
     assert len(kept_stages[1]) >= 2
@@ -93,20 +93,28 @@ def test_a_refinement_that_is_longer_is_left_out_and_its_stages_stay(problem, mo
 
 @pytest.mark.parametrize("workers", [False, True])
 def test_the_shortest_plan_of_all_grids_stays(problem, workers):
-    """Each grid has the plan of another method; the grid of the effort has the slow one of `fixed`."""
+    """Each grid has the plan of another method; the grid of the effort has the slow one of `fixed`.
+
+    Plans of further grids are made in a second process if there may be one.
+    """
     grids = (), *((mesh,) for mesh in EFFORTS["normal"].search.further_meshes)
     methods = dict(zip(grids, ("fixed", "minimum_time", "exact"), strict=True))
 
-    def planned(solve):
-        return quickest_clear(problem, solve, TIMING_SOLVERS["ruckig"]).cleared
+    def planned(solve, refine=None):
+        asked = replace(problem, refine=refine)
+        return quickest_clear(asked, solve, TIMING_SOLVERS["ruckig"]).cleared
 
-    def unchanged(stages, *_):
+    def unchanged(_, stages, *__):
         return list(stages)
 
+    def solve(asked):
+        seen.add(asked.meshes)
+        return Decided(_stages(asked, methods[asked.meshes]))
+
+    seen = set()
     with allow_workers(workers):
-        found = planned(
-            lambda asked: Decided(_stages(asked, methods[asked.meshes]), refined=unchanged)
-        )
+        found = planned(solve, unchanged)
+    assert seen == ({()} if workers else set(grids))
     alone = [
         planned(lambda asked, name=name: Decided(_stages(asked, name))) for name in methods.values()
     ]
@@ -115,28 +123,53 @@ def test_the_shortest_plan_of_all_grids_stays(problem, workers):
 
 @pytest.mark.parametrize("workers", [False, True])
 def test_the_second_shortest_plan_may_win_once_refined(problem, workers):
-    """Its refinement alone shortens the waits; a second process reports no progress. One grid has no plan."""
+    """Its refinement alone shortens the waits, and reports no progress. One grid has no plan."""
     own, (further, last) = (), EFFORTS["normal"].search.further_meshes
-    waits, reported = {own: 0.2, (further,): 0.3}, []
+    waits, reported, attempts = {own: 0.2, (further,): 0.3}, [], []
 
     def waiting(stages, wait):
         return [replace(stage, waits={"left": wait}) for stage in stages]
 
-    def refined(stages, *_):
+    def refined(asked, stages, kept, attempt):
+        attempts.append(attempt)
         return waiting(stages, 0.1 if stages[0].waits["left"] > 0.2 else 0.2)
 
     def solve(asked):
         if asked.meshes == (last,):
             raise InfeasibleError(Refusal("no_plan_on_grid"))
-        return Decided(waiting(_stages(asked, "exact"), waits[asked.meshes]), refined=refined)
+        return Decided(waiting(_stages(asked, "exact"), waits[asked.meshes]))
 
-    asked = replace(problem, progress=reported.append)
+    asked = replace(problem, refine=refined, progress=reported.append)
     with allow_workers(workers):
         found = quickest_clear(asked, solve, TIMING_SOLVERS["ruckig"])
     assert {stage.waits["left"] for stage in found.cleared.plans} == {0.1}
     assert found.holding is not None
     refinements = EFFORTS["normal"].search.refinements
     assert sum("refining" in text for text in reported) == refinements
+    assert len(attempts) == (1 if workers else 2) * refinements
+
+
+def test_thorough_effort_refines_plans_of_normal_effort(problem):
+    """Searches of both efforts, the own one first; refinements at thorough effort alone."""
+    searched, refined_at = [], []
+
+    def refined(asked, stages, kept, attempt):
+        refined_at.append(asked.effort)
+        return list(stages)
+
+    def solve(asked):
+        searched.append(asked.effort)
+        return Decided(_stages(asked, "exact" if asked.meshes else "fixed"))
+
+    asked = replace(problem, effort="thorough", refine=refined)
+    found = quickest_clear(asked, solve, TIMING_SOLVERS["ruckig"])
+    assert searched[0] == "thorough"
+    assert set(searched) == {"thorough", "normal"}
+    assert refined_at == ["thorough"] * 2 * EFFORTS["thorough"].search.refinements
+    plain = quickest_clear(
+        problem, lambda _: Decided(_stages(problem, "exact")), TIMING_SOLVERS["ruckig"]
+    )
+    assert found.cleared.duration <= plain.cleared.duration
 
 
 def test_only_the_launch_that_collides_is_left_out(problem, monkeypatch):

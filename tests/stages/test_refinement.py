@@ -15,7 +15,7 @@ from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.launches import default_launches, with_best_launches
 from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.search import search
-from dualarm_cli.stages.sequence import solve_sequence
+from dualarm_cli.stages.sequence import refined_sequence
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
 
@@ -88,5 +88,8 @@ def test_plans_are_refined_where_the_effort_says_so_and_times_are_known(
 ):
     """Not at quick effort, and not with a limit of the tools' speed, which the search does not time."""
     job = replace(random_job(8, (2, 2), line=0.08), tool_speed=0.8 if capped else None)
-    problem = MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle", effort=effort_name)
-    assert (solve_sequence(problem).refined is None) == (capped or effort_name == "quick")
+    model, how = CellModel.from_cell(job.cell), {"effort": effort_name, "refine": refined_sequence}
+    problem = MethodProblem(model, job, "arm_angle", **how)
+    assert problem.refines == (effort_name == "normal" and not capped)
+    assert not replace(problem, refine=None).refines
+    assert not replace(problem, job=replace(job, tasks=())).refines

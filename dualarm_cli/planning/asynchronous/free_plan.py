@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.clearing.blended_plan import blended_plan, with_room
+from dualarm_cli.clearing.blended_plan import blended_plan
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_are_clear
@@ -185,8 +185,13 @@ class FreePlanner:
             # Plans that are blended as both arms' waits allow come from one search.
             compares = problem.compares_care and not problem.blends
             plan = quickest_clear(
-                replace(problem, blending=STOPPING, compares_care=compares),
-                with_room(problem, self.solve) if problem.blends else self.solve,
+                replace(
+                    problem,
+                    blending=STOPPING,
+                    keeps_room=problem.blends,
+                    compares_care=compares,
+                ),
+                self.solve,
                 self.timing,
                 check_collisions=self.check_collisions,
                 alone=name,
