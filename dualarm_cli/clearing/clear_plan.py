@@ -127,8 +127,8 @@ def _quickest_clear(
 
     def further_plans() -> list[ClearedPlan]:
         plans = []
-        for effort, grid in searches:
-            variant = replace(problem, effort=effort, meshes=(grid,), progress=_silent)
+        for effort, grids in searches:
+            variant = replace(problem, effort=effort, meshes=grids, progress=_silent)
             with suppress(InfeasibleError):
                 plans.append(_shortest(replace(loop, problem=variant)).sent())
         return plans

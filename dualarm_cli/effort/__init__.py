@@ -462,20 +462,20 @@ EFFORTS: Mapping[str, EffortSettings] = {
 """Settings by value of `--effort`; a higher effort usually gives a shorter plan."""
 
 
-def further_searches(effort: str, stages: int) -> list[tuple[str, Mesh]]:
-    """List effort and grid of each further search of a sequence.
+def further_searches(effort: str, stages: int) -> list[tuple[str, tuple[Mesh, ...]]]:
+    """List effort and grids of each further search of a sequence.
 
-    Short sequences have all grids of an effort, longer ones the first, long ones none.
+    No grids stand for those of the effort. Short sequences have all grids of an effort, longer ones the first, long
+    ones none.
     """
     if not 0 < stages <= SCALING.long:
         return []
     how = EFFORTS[effort].search
     meshes = how.further_meshes if stages <= SCALING.short else how.further_meshes[:1]
-    searches = [(effort, mesh) for mesh in meshes]
+    searches: list[tuple[str, tuple[Mesh, ...]]] = [(effort, (mesh,)) for mesh in meshes]
     if not how.joined:
         return searches
-    joined = [(how.joined, mesh) for mesh in EFFORTS[how.joined].search.meshes]
-    return [*joined, *further_searches(how.joined, stages), *searches]
+    return [(how.joined, ()), *further_searches(how.joined, stages), *searches]
 
 
 def less_effort(effort: str) -> str | None:

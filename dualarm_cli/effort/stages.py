@@ -127,7 +127,7 @@ class SearchEffort:
     prevents bad luck for 1.25 times the time: with the first alone one job of 24 stages is 3 % longer.
     """
     joined: str = ""
-    """Lower effort on whose grids further searches are made, with its settings; empty for none.
+    """Lower effort whose searches are further ones; empty for none.
 
     All plans are refined at the higher effort. One search may be behind those of a lower effort, even if it takes
     longer than all of them.

@@ -60,7 +60,7 @@ class MethodProblem:
     limits_torques: bool = False
     """Flag of plans that have to stay within the joints' torques."""
     keeps_room: bool = False
-    """Whether a plan with stops keeps room for blending from the joint limits, as it is blended later."""
+    """Whether a plan with stops is blended later, and keeps room for that from joint limits."""
     refine: Refine | None = None
     """Refinement of the method's collision-free plans; None if it has none."""
     compares_care: bool = False

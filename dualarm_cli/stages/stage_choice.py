@@ -279,7 +279,8 @@ def stage_plan(
         if isinstance(posture, NoPosture):
             continue
         task, stop = stage.work[arm]
-        stops[arm] = ArmStop(arm, task, stop, problems[arm], posture)
+        # A collision test is a local function, which no process can send to another one.
+        stops[arm] = ArmStop(arm, task, stop, replace(problems[arm], is_free=None), posture)
         columns = stage.model.arms[arm].columns
         arrival[columns], end[columns] = posture.q_approach, posture.q_retract
         transfer = problems[arm].transfer_time(posture.q_approach - problems[arm].start)

@@ -159,7 +159,7 @@ def test_thorough_effort_refines_plans_of_normal_effort(problem):
 
     def solve(asked):
         searched.append(asked.effort)
-        return Decided(_stages(asked, "exact" if asked.meshes else "fixed"))
+        return Decided(_stages(asked, "minimum_time" if asked.effort == "normal" else "exact"))
 
     asked = replace(problem, effort="thorough", refine=refined)
     found = quickest_clear(asked, solve, TIMING_SOLVERS["ruckig"])
@@ -167,7 +167,7 @@ def test_thorough_effort_refines_plans_of_normal_effort(problem):
     assert set(searched) == {"thorough", "normal"}
     assert refined_at == ["thorough"] * 2 * EFFORTS["thorough"].search.refinements
     plain = quickest_clear(
-        problem, lambda _: Decided(_stages(problem, "exact")), TIMING_SOLVERS["ruckig"]
+        problem, lambda asked: Decided(_stages(asked, "exact")), TIMING_SOLVERS["ruckig"]
     )
     assert found.cleared.duration <= plain.cleared.duration
 

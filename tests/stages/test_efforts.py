@@ -34,14 +34,14 @@ def test_very_short_sequences_get_finer_grids_at_normal_effort():
 
 
 def test_further_searches_of_thorough_effort_are_all_those_of_normal_effort():
-    """Up to 12 stages all three of its grids, up to 24 the first two, beyond none; quick effort has none."""
+    """Up to 12 stages its own and two further grids, up to 24 one, beyond none; quick effort has none."""
     assert [further_searches("quick", stages) for stages in (2, 24)] == [[], []]
     for stages, count in ((0, 0), (1, 3), (12, 3), (13, 2), (24, 2), (25, 0)):
         thorough = further_searches("thorough", stages)
-        grids = [MEDIUM, *EFFORTS["normal"].search.further_meshes]
-        assert thorough == [("normal", grid) for grid in grids[:count]]
+        grids = [(), *((mesh,) for mesh in EFFORTS["normal"].search.further_meshes)]
+        assert thorough == [("normal", meshes) for meshes in grids[:count]]
         assert further_searches("normal", stages) == thorough[1:]
-    assert grids[1] == COARSE
+    assert grids[1] == (COARSE,)
 
 
 @pytest.mark.full_effort
