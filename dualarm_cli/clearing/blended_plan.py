@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from dualarm_cli.background import map_halves
+from dualarm_cli.background import BackgroundCall, allow_workers, map_halves
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import alone_clear, stage_samples
@@ -246,6 +246,19 @@ def _cleared(
             break
         blend = tried
     return blend
+
+
+def refined_plans(
+    problem: MethodProblem, plans: Sequence[ClearedPlan], timing: TimingSolver
+) -> list[ClearedPlan]:
+    """Refine one or two plans, the second in a second process, see `refined_plan`."""
+    if len(plans) == 1:
+        return [refined_plan(problem, plans[0], timing)]
+    silent = replace(problem, progress=lambda _: None)
+    with BackgroundCall(lambda: refined_plan(silent, plans[1], timing).sent()) as second:
+        with allow_workers(False):
+            first = refined_plan(problem, plans[0], timing)
+        return [first, replace(second.result(), holding=first.holding)]
 
 
 def refined_plan(problem: MethodProblem, plan: ClearedPlan, timing: TimingSolver) -> ClearedPlan:

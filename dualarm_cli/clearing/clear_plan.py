@@ -20,7 +20,7 @@ import numpy as np
 from dualarm_cli.background import BackgroundCall, allow_workers
 from dualarm_cli.clearing.blended_plan import (
     blended_plan,
-    refined_plan,
+    refined_plans,
     shortest_blended,
     with_room,
 )
@@ -128,7 +128,7 @@ def _quickest_clear(
     def further_plans() -> list[ClearedPlan]:
         plans = []
         for effort, grids in searches:
-            variant = replace(problem, effort=effort, meshes=grids, progress=_silent)
+            variant = replace(problem, effort=effort, meshes=grids, progress=lambda _: None)
             with suppress(InfeasibleError):
                 plans.append(_shortest(replace(loop, problem=variant)).sent())
         return plans
@@ -142,27 +142,7 @@ def _quickest_clear(
             problem.progress("searching on further grids")
         plans += [replace(plan, holding=holding) for plan in further.result()]
     plans = sorted(plans, key=duration)[: 2 if stages <= SCALING.short else 1]
-    return min(_refined(problem, plans, timing), key=duration)
-
-
-def _silent(_: str) -> None:
-    """Take a message of a process whose progress is not shown."""
-
-
-def _refined(
-    problem: MethodProblem, plans: Sequence[ClearedPlan], timing: TimingSolver
-) -> list[ClearedPlan]:
-    """Refine one or two plans, the second in a second process."""
-    if len(plans) == 1:
-        return [refined_plan(problem, plans[0], timing)]
-
-    def refined_second() -> ClearedPlan:
-        return refined_plan(replace(problem, progress=_silent), plans[1], timing).sent()
-
-    with BackgroundCall(refined_second) as second:
-        with allow_workers(False):
-            first = refined_plan(problem, plans[0], timing)
-        return [first, replace(second.result(), holding=first.holding)]
+    return min(refined_plans(problem, plans, timing), key=duration)
 
 
 def _shortest(loop: ClearanceLoop) -> ClearedPlan:
