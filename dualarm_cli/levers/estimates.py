@@ -13,6 +13,7 @@ from dualarm_cli.files.source.value_paths import pointer_steps
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.dynamics import limits_torques
 from dualarm_cli.levers.changes import (
+    ASYNCHRONOUS,
     BLEND,
     CLEARANCE,
     MASS,
@@ -87,7 +88,27 @@ def estimated(
     gains = {
         k: schedule.duration - float(time) for (k, _), time in zip(lengths, times, strict=True)
     }
+    alone = _gain_without_stages(kept)
+    for k, lever in enumerate(candidates):
+        if alone is not None and lever.values == ASYNCHRONOUS and reasons[k] == ONLY_PLANNED:
+            gains[k], reasons[k] = alone, ""
     return [Estimate(lever, gains.get(k), reasons.get(k, "")) for k, lever in enumerate(candidates)]
+
+
+def _gain_without_stages(kept: KeptPlan) -> float | None:
+    """Estimate the gain of arms that no longer start stages together [s].
+
+    None where more than the stages makes arms wait: a platform, rules of tasks, windows or parts.
+    """
+    schedule, job = kept.schedule, kept.job
+    ruled = job.has_handovers or job.moves or any(task.after for task in job.tasks)
+    reasons = {part.reason for part in schedule.segments if part.kind == "wait"}
+    if schedule.robot.platform or ruled or not reasons <= {"partner", "shared_zone", "end"}:
+        return None
+    busy = dict.fromkeys(schedule.robot.arms, 0.0)
+    for piece in kept.pieces:
+        busy[piece.group] += piece.length
+    return max(0.0, schedule.duration - max(busy.values()))
 
 
 def _matters(lever: Lever, schedule: Schedule, job: Job) -> bool:

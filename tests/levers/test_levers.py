@@ -129,6 +129,28 @@ def test_estimates_of_kept_postures_are_the_plans_own(cell: Path) -> None:
     assert gain > 0.02
 
 
+def test_arms_without_platform_need_no_stages(cell: Path) -> None:
+    """The left arm dwells for long in the first two stages, the right arm in the last two; by itself each has two."""
+    text = cell.read_text()
+    first = text[text.index("  - {id: a") :]
+    second = first.replace("id: a", "id: c").replace("id: b", "id: d\n    dwell: 1.3 s")
+    cell.write_text(text.replace("id: a,", "id: a, dwell: 1.3 s,") + second)
+    job, settings = load_job(cell), PlanSettings(effort="quick")
+    schedule = plan_without_bound(job, settings)
+
+    def of_mode() -> Estimate:
+        found = estimated_levers(schedule, load_job(cell), cell)
+        return next(e for e in found if e.lever.name == "mode")
+
+    free = plan_without_bound(load_job(cell, None, of_mode().lever.values), settings)
+    # Beside two of the four long dwells, an arm no longer waits for the slower motion of each stage.
+    assert of_mode().gain == pytest.approx(2 * (1.3 - 0.3), abs=0.4)
+    assert of_mode().gain == pytest.approx(schedule.duration - free.duration, rel=0.15)
+    # A task after another one may have to wait.
+    cell.write_text(cell.read_text().replace("id: b\n", "id: b\n    after: [a]\n"))
+    assert (of_mode().gain, of_mode().reason) == (None, ONLY_PLANNED)
+
+
 def test_start_grasps_and_blends_are_levers(cell: Path) -> None:
     """A closed cycle starts anywhere, a task takes any grasp of its part, and a move is passed twice as far away."""
     text = cell.read_text().replace("order: given", "order: given\nreturn: true")
