@@ -6,6 +6,8 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 from dualarm_cli.background import BackgroundCall, allow_workers, map_halves
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
@@ -22,7 +24,7 @@ from dualarm_cli.motion.passed_targets import passed_targets, with_passed_target
 from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.method import Decided, MethodProblem
+from dualarm_cli.stages.method import Decided, DrivenStages, MethodProblem
 from dualarm_cli.stages.serving import with_stopping_room
 from dualarm_cli.stages.stage_choice import REACH
 from dualarm_cli.timing import TimingSolver
@@ -111,12 +113,16 @@ def blended_plan(
     clearing = plan.clearing(problem, timing)
     before = plan.cleared.motion
     through = passed_targets(drive, plan.cleared.plans, stopping)
-    passing = with_passed_targets(drive, plan.cleared.plans, through)
     widths = problem.settings.widths if widths is None else widths
-    launches = dict(passing_launches(drive, passing, stopping, widths))
+
+    def passing() -> list[StagePlan]:
+        return with_passed_targets(drive, plan.cleared.plans, through)
+
+    def chosen(widths: int) -> Launches:
+        return passing_launches(drive, passing(), stopping, widths)
 
     def launched(launches: Launches) -> list[StagePlan]:
-        return with_launches(with_passed_targets(drive, plan.cleared.plans, through), launches)
+        return with_launches(passing(), launches)
 
     def timed(launches: Launches) -> _Blend:
         plans = launched(launches)
@@ -124,6 +130,7 @@ def blended_plan(
         colliding = clearing.colliding_stages(plans, motion) if clearing is not None else []
         return _Blend(plans, motion, launches, tuple(colliding))
 
+    launches = chosen(widths)
     while launches or through:
         try:
             blend = timed(launches)
@@ -132,7 +139,7 @@ def blended_plan(
                 raise
             # A target passed in motion cannot wait for the end of the stage.
             through = {}
-            launches = dict(passing_launches(drive, plan.cleared.plans, stopping, widths))
+            launches = chosen(widths)
             continue
         passed = {k for k in through if {k, k + 1} & set(blend.colliding)}
         if not passed:
@@ -146,8 +153,9 @@ def blended_plan(
         through = {k: target for k, target in through.items() if k not in passed}
     else:
         blend = _Blend(plan.cleared.plans, before, {}, ())
-    if clearing is not None:
-        blend = _cleared(blend, clearing, launched, timed)
+    if clearing is not None and blend.colliding:
+        coarser = chosen(problem.settings.widths)
+        blend = _cleared(blend, clearing, launched, timed, coarser)
     plans, motion = blend.plans, blend.motion
     if blend.colliding or not (blend.launches or through):
         plans, motion = plan.cleared.plans, before
@@ -156,12 +164,17 @@ def blended_plan(
     if gain <= 0.0:
         same = replace(plan.cleared, motion=replace(before, gain=0.0))
         return replace(plan, cleared=same, stopping=plan.cleared)
+    motion = _with_gain(motion, before, gain)
+    return replace(plan, cleared=TimedPlan(plans, motion), stopping=plan.cleared)
+
+
+def _with_gain(motion: Motion, before: Motion, gain: float) -> Motion:
+    """Set the gain of each stage and of the motion against stops at line ends [s]."""
     stages = tuple(
         replace(stage, saved=(stop_stage.end - stop_stage.start) - (stage.end - stage.start))
         for stage, stop_stage in zip(motion.stages, before.stages, strict=True)
     )
-    motion = replace(motion, stages=stages, gain=gain)
-    return replace(plan, cleared=TimedPlan(plans, motion), stopping=plan.cleared)
+    return replace(motion, stages=stages, gain=gain)
 
 
 @dataclass(frozen=True)
@@ -185,10 +198,15 @@ class _Blend:
                 return kept
         return self.launches
 
-    def with_fewer(self, clearing: Clearing, k: int) -> Iterator[Launches]:
+    def with_fewer(self, clearing: Clearing, k: int, coarser: Launches) -> Iterator[Launches]:
         """Yield launches with one arm at rest before stage k: at its retract, approach or both.
 
         If arms collide alone, one of them, else any, first the one that is done first.
+
+        Args:
+            clearing: collision checks.
+            k: index of the stage.
+            coarser: launches that are tried before those at rest.
         """
         samples, cell = stage_samples(self.motion, k, k, clearing.holding), clearing.holding.cell
         alone = [name for a, name in enumerate(cell.arms) if not alone_clear(cell, samples, a)]
@@ -204,7 +222,8 @@ class _Blend:
         for arm in sorted(alone or cell.arms, key=done):
             retract, approach = self.launches.get((k, arm), (None, None))
             halves = () if is_capped else ((None, approach), (retract, None))
-            for pair in dict.fromkeys((*halves, (None, None))):
+            first = (coarser[k, arm],) if (k, arm) in coarser else ()
+            for pair in dict.fromkeys((*first, *halves, (None, None))):
                 if pair != (retract, approach):
                     yield {**self.launches, (k, arm): pair}
 
@@ -214,6 +233,7 @@ def _cleared(
     clearing: Clearing,
     launched: Callable[[Launches], list[StagePlan]],
     timed: Callable[[Launches], _Blend],
+    coarser: Launches,
 ) -> _Blend:
     """Leave out launches until no stage collides.
 
@@ -225,11 +245,12 @@ def _cleared(
         clearing: collision checks.
         launched: builds the stages with other launches.
         timed: times the stages with other launches.
+        coarser: launches that are tried before those at rest.
     """
     while blend.colliding:
         launches = blend.launches
         for k in blend.colliding:
-            fewer = replace(blend, launches=launches).with_fewer(clearing, k)
+            fewer = replace(blend, launches=launches).with_fewer(clearing, k, coarser)
             start = blend.motion.stages[max(0, k - 2)].start
             clear = (c for c in fewer if clearing.is_clear_at(launched(c), k, start))
             candidate = next(clear, None)
@@ -262,46 +283,44 @@ def refined_plans(
 
 
 def refined_plan(problem: MethodProblem, plan: ClearedPlan, timing: TimingSolver) -> ClearedPlan:
-    """Refine a plan by its method; return the shorter of both as they are driven.
+    """Refine a plan by its method; return the shortest one as it is driven.
 
     Args:
         problem: the problem that the plan solves.
         plan: a collision-free plan, blended if the problem allows it.
         timing: solver that times motions.
     """
-    refine, clearing = problem.refine, plan.clearing(problem, timing)
-    if refine is None or not problem.refines:
+    clearing, best = plan.clearing(problem, timing), plan
+    if problem.refine is None or not problem.refines:
         return plan
-    model, job, kept, best = problem.model, problem.job, set[int](), plan
-    for attempt in range(problem.settings.search.refinements):
-        of_all = f"{attempt + 1} of {problem.settings.search.refinements}"
-        problem.progress(f"refining the plan, attempt {of_all}")
-        before = best.stopping or best.cleared
-        stages = refine(replace(problem, holding=plan.holding), before.plans, kept, attempt)
+
+    def driven(stages: list[StagePlan], widths: int | None) -> DrivenStages | None:
+        nonlocal best
         try:
-            refined = TimedPlan(stages, realise(model, job, stages, timing, plan.cache))
-        except InfeasibleError:
-            continue
-        failed = clearing.colliding_stages(stages, refined.motion) if clearing is not None else []
-        if not failed:
+            motion = realise(problem.model, problem.job, stages, timing, plan.cache)
+            colliding = clearing.colliding_stages(stages, motion) if clearing is not None else []
+            if colliding:
+                return DrivenStages(np.zeros(0), tuple(colliding))
+            cleared = TimedPlan(stages, motion)
             # The cost of clearance is that of the plans before refinement.
-            unchecked = refined.duration - (plan.cost or 0.0)
-            tried = replace(plan, cleared=refined, unchecked=unchecked, stopping=None)
+            unchecked = cleared.duration - (plan.cost or 0.0)
+            tried = replace(plan, cleared=cleared, unchecked=unchecked, stopping=None)
             if problem.blends:
-                tried = blended_plan(problem, tried, timing)
-            if tried.cleared.duration < best.cleared.duration:
-                best = tried
-                continue
-            # The search's times of lines and transfers are estimates.
-            spans = zip(tried.cleared.motion.stages, best.cleared.motion.stages, strict=True)
-            growth = [(new.end - new.start) - (old.end - old.start) for new, old in spans]
-            failed = [max(range(len(growth)), key=growth.__getitem__)]
-        kept.update(stage for k in failed for stage in (k - 1, k))
-    if best.stopping is None:
-        return best
-    widths = problem.settings.sequence.refinement.widths
-    closer = blended_plan(problem, replace(best, cleared=best.stopping), timing, widths=widths)
-    return min(best, closer, key=lambda candidate: candidate.cleared.duration)
+                tried = blended_plan(problem, tried, timing, widths=widths)
+        except InfeasibleError:
+            return None
+        if tried.cleared.duration < best.cleared.duration:
+            best = tried
+        return _driven(tried)
+
+    given = replace(problem, holding=plan.holding)
+    problem.refine(given, (plan.stopping or plan.cleared).plans, _driven(plan), driven)
+    return best
+
+
+def _driven(plan: ClearedPlan) -> DrivenStages:
+    spans = [(stage.start, stage.end) for stage in plan.cleared.motion.stages]
+    return DrivenStages(np.diff(spans, axis=1)[:, 0])
 
 
 def _with_detours_in_motion(

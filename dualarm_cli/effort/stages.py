@@ -114,6 +114,11 @@ class SearchEffort:
     """Number of refinements of the collision-free plan, each checked exactly."""
     refinement_rounds: int = 8
     """Rounds of random steps in each refinement; more for short sequences."""
+    single_steps: int = 0
+    """Number of random steps of single stages after the refinements, in short sequences alone.
+
+    100 shorten plans of thorough effort of 4 and 8 stages by 0.1 to 0.3 % in 5 to 12 s of processor time.
+    """
     for_few: tuple[Mesh, ...] = ()
     """Further grids of very short sequences, within the first search.
 
@@ -175,6 +180,7 @@ class SearchEffort:
         return replace(
             self,
             meshes=(*self.meshes, *self.for_few) if stages <= SCALING.very_short else self.meshes,
+            single_steps=self.single_steps if stages <= SCALING.short else 0,
             trial_rounds=self.trial_rounds * min(factor, 2),
             rounds=self.rounds * factor,
             random_steps=self.random_steps * factor,
@@ -196,6 +202,7 @@ class SearchEffort:
             meshes=(finer or self.meshes)[:1],
             trial_rounds=max(1, self.trial_rounds // 2),
             refinement_rounds=self.refinement_rounds // 2,
+            single_steps=0,
             plans=max(2, self.plans),
             local_rounds=max(1, self.local_rounds),
         )
@@ -220,6 +227,10 @@ class RefinementSettings:
     """Number of rounds after which the launches are chosen again."""
     widths: int = 6
     """Number of step widths for the refinement of the final launches."""
+    tries: int = 10
+    """Number of steps of a single stage before the next stage is chosen."""
+    least: float = 1e-5
+    """Smallest estimated gain of a step of a single stage that is driven [s]."""
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,6 @@ class LeverSizes:
 
 SIZES = LeverSizes()
 CLEARANCE, MASS, BLEND, START = "clearance", "mass of tools and parts", "blend", "start"
-ASYNCHRONOUS = {"tasks:/mode": "free"}
-"""Values of the lever that lets each arm run by its own clock."""
 PLAIN_UNITS = {
     **dict.fromkeys(("approach", "retract", "distance", "straight", "blend", "clearance"), "m"),
     **dict.fromkeys(("dwell", "gripper", "settle", "handshake", "skew"), "s"),

@@ -13,7 +13,6 @@ from dualarm_cli.files.source.value_paths import pointer_steps
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.dynamics import limits_torques
 from dualarm_cli.levers.changes import (
-    ASYNCHRONOUS,
     BLEND,
     CLEARANCE,
     MASS,
@@ -90,7 +89,8 @@ def estimated(
     }
     alone = _gain_without_stages(kept)
     for k, lever in enumerate(candidates):
-        if alone is not None and lever.values == ASYNCHRONOUS and reasons[k] == ONLY_PLANNED:
+        is_free = lever.values == {"tasks:/mode": "free"} and reasons[k] == ONLY_PLANNED
+        if is_free and alone is not None:
             gains[k], reasons[k] = alone, ""
     return [Estimate(lever, gains.get(k), reasons.get(k, "")) for k, lever in enumerate(candidates)]
 

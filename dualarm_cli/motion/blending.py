@@ -18,6 +18,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.motion.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import (
     joints_along,
+    line_key,
     rates_between,
     remember_line,
     timed_line,
@@ -69,21 +70,37 @@ def passing_launches(
         stopping: transfers that stay at rest, by the stage at their end and the arm.
         widths: number of step widths of the refinement, see `refined_pair`.
     """
+    transfers = [
+        (k, name)
+        for k, plan in enumerate(plans)
+        for name in drive.model.arms
+        if (k, name) not in stopping and name not in plan.waits and name not in plan.detours
+    ]
+    keys = {(k, name): _transfer_key(drive, plans, k, name, widths) for k, name in transfers}
+    cached = drive.cache.launches
+    missing = [transfer for transfer in transfers if keys[transfer] not in cached]
 
-    def of(stages: Sequence[int]) -> list[dict[str, _Passed]]:
-        return [_passed(drive, plans, k, stopping, widths) for k in stages]
+    def of(batch: Sequence[tuple[int, str]]) -> list[_Passed | None]:
+        return [_passed(drive, plans, k, name, widths) for k, name in batch]
 
+    # A few transfers take no longer than the start of a second process.
+    passed = dict(zip(missing, map_halves(of, missing, 24), strict=True))
     launches = {}
-    # A few stages take no longer than the start of a second process.
-    for k, passed in enumerate(map_halves(of, range(len(plans)), 12)):
-        for name, blended in passed.items():
-            launches[k, name] = blended.launches
-            drive.cache.moving.update(blended.transfers)
-            for at, line, trajectory in blended.lines:
-                launch = blended.launches[line == "approach"]
-                assert launch is not None  # only lines that are passed in motion are listed
-                plan = _with_pass(plans[at], name, line, launch)
-                remember_line(drive, plan, plan.stops[name], line, trajectory)
+    for k, name in transfers:
+        key, blended = keys[k, name], passed.get((k, name))
+        pair = None if blended is None else blended.launches
+        if key is not None:
+            pair = cached.setdefault(key, pair)
+        if pair is not None:
+            launches[k, name] = pair
+        if blended is None:
+            continue
+        drive.cache.moving.update(blended.transfers)
+        for at, line, trajectory in blended.lines:
+            launch = blended.launches[line == "approach"]
+            assert launch is not None  # only lines that are passed in motion are listed
+            plan = _with_pass(plans[at], name, line, launch)
+            remember_line(drive, plan, plan.stops[name], line, trajectory)
     return launches
 
 
@@ -99,34 +116,56 @@ class _Passed:
     """Transfers in motion that were timed for them, see `MotionCache`."""
 
 
+def _transfer_key(
+    drive: Drive, plans: Sequence[StagePlan], k: int, name: str, widths: int
+) -> Key | None:
+    """Build the key of the launches around a transfer.
+
+    None where more than the transfer and the lines next to it decides them.
+    """
+    before, plan = plans[k - 1] if k else None, plans[k]
+    if drive.caps or any(
+        at.through or giver_and_taker(at.stops) is not None or waits_for_time(at)
+        for at in (plan, *([] if before is None else [before]))
+    ):
+        return None
+    index, model = drive.model.arms[name].columns, drive.model
+    lines = ((before, "retract"), (plan, "approach"))
+    return (
+        widths,
+        name,
+        drive.to(plan).care,
+        platform_time(drive, before, plan),
+        plan.start[index].tobytes(),
+        plan.arrival[index].tobytes(),
+        *(
+            None
+            if at is None or name not in at.stops
+            else line_key(model, at, at.stops[name], line)
+            for at, line in lines
+        ),
+    )
+
+
 def _passed(
-    drive: Drive,
-    plans: Sequence[StagePlan],
-    k: int,
-    stopping: Collection[tuple[int, str]],
-    widths: int,
-) -> dict[str, _Passed]:
-    """Choose the launches around the transfers to a stage, by arm."""
-    before, plan, blended = plans[k - 1] if k else None, plans[k], {}
-    platform = platform_time(drive, before, plan)
-    for name in drive.model.arms:
-        if (k, name) in stopping or name in plan.waits or name in plan.detours:
-            continue
-        timed = len(drive.cache.moving)
-        candidates = _blends(drive, before, plan, name, platform, widths)
-        launches = next(
-            (pair for pair in candidates if _is_feasible(drive, before, plan, name, pair)), None
-        )
-        if launches is None:
-            continue
-        lines = []
-        for at, line, launch in ((k - 1, "retract", launches[0]), (k, "approach", launches[1])):
-            if launch is not None:
-                passing = _with_pass(plans[at], name, line, launch)
-                lines.append((at, line, timed_line(drive, passing, passing.stops[name], line)))
-        transfers = dict(islice(drive.cache.moving.items(), timed, None))
-        blended[name] = _Passed(launches, tuple(lines), transfers)
-    return blended
+    drive: Drive, plans: Sequence[StagePlan], k: int, name: str, widths: int
+) -> _Passed | None:
+    """Choose the launches around an arm's transfer to a stage; None at rest."""
+    before, plan = plans[k - 1] if k else None, plans[k]
+    timed = len(drive.cache.moving)
+    candidates = _blends(drive, before, plan, name, platform_time(drive, before, plan), widths)
+    launches = next(
+        (pair for pair in candidates if _is_feasible(drive, before, plan, name, pair)), None
+    )
+    if launches is None:
+        return None
+    lines = []
+    for at, line, launch in ((k - 1, "retract", launches[0]), (k, "approach", launches[1])):
+        if launch is not None:
+            passing = _with_pass(plans[at], name, line, launch)
+            lines.append((at, line, timed_line(drive, passing, passing.stops[name], line)))
+    transfers = dict(islice(drive.cache.moving.items(), timed, None))
+    return _Passed(launches, tuple(lines), transfers)
 
 
 def with_launches(plans: Sequence[StagePlan], launches: Launches) -> list[StagePlan]:
@@ -190,7 +229,7 @@ def _blends(
     platform: float,
     widths: int,
 ) -> Iterator[tuple[Launch | None, Launch | None]]:
-    """Yield blends of a transfer with its lines, with increasing margin.
+    """Yield blends of a transfer with its lines, with increasing margin, the refined ones first.
 
     Each is a pair of launches, at the end of the retract and at the start of the approach. The iteration ends as
     soon as no pair is faster than stopping at both.
@@ -214,7 +253,9 @@ def _blends(
         i, j, time = quickest_pair(retract, approach, problem, at_rest, margin)
         if time > float(retract.time[0] + at_rest + approach.time[0]) - MIN_GAIN:
             return
-        yield refined_pair((retract, approach), (i, j, time), problem, widths, margin)
+        # A coarser pair may keep limits that the finest estimate exceeds.
+        for narrower in sorted({widths, min(widths, 1), 0}, reverse=True):
+            yield refined_pair((retract, approach), (i, j, time), problem, narrower, margin)
 
 
 def _giver_time(drive: Drive, plan: StagePlan, name: str) -> float:

@@ -281,14 +281,14 @@ def remember_line(
 def _timed_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
     """Build the cache key of a timed line."""
     launch = plan.passes.get((arm_stop.arm, line))
-    return (line, launch, *_line_key(drive.model, plan, arm_stop, line))
+    return (line, launch, *line_key(drive.model, plan, arm_stop, line))
 
 
 def joints_along(
     drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str
 ) -> tuple[FloatArray, FloatArray]:
     """Return the joints along a line, and the lengths travelled; see `line_path`."""
-    key = (line, *_line_key(drive.model, plan, arm_stop, line))
+    key = (line, *line_key(drive.model, plan, arm_stop, line))
     if key not in drive.cache.paths:
         q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
         drive.cache.paths[key] = arm_stop.stop, q, length
@@ -414,7 +414,7 @@ def _add_tracked(
     return end
 
 
-def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
+def line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
     """Build the cache key of a line: target, platform, posture and start."""
     posture, problem = arm_stop.posture, arm_stop.problem
     outer = plan.arrival if line == "approach" else plan.end

@@ -24,6 +24,7 @@ from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
+from dualarm_cli.timing.launch import Launch
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.ruckig_ import solve_moving_transfer
 
@@ -102,6 +103,8 @@ class MotionCache:
     """Straight transfers of stages."""
     moving: dict[Key, Trajectory | None] = field(default_factory=dict)
     """Transfers of one group that begin or end in motion; None if infeasible."""
+    launches: dict[Key, tuple[Launch | None, Launch | None] | None] = field(default_factory=dict)
+    """Launches around transfers, at the retract before and the approach after; None at rest."""
 
 
 @dataclass(frozen=True)

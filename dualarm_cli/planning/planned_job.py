@@ -22,7 +22,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.registry import Solver
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.methods import METHODS
-from dualarm_cli.stages.sequence import refined_sequence
+from dualarm_cli.stages.refinement import refined_sequence
 from dualarm_cli.stages.serving import (
     NUMERIC,
     SEQUENCE,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field
 
 from dualarm_cli.effort import EFFORTS, EffortSettings
 from dualarm_cli.effort.stages import Mesh
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import STOPPING, Blending
 from dualarm_cli.model.job import Job
@@ -109,11 +110,32 @@ class MethodProblem:
         )
 
 
-Refine = Callable[[MethodProblem, Sequence[StagePlan], Collection[int], int], list[StagePlan]]
+@dataclass(frozen=True)
+class DrivenStages:
+    """Stages of a plan as they are driven."""
+
+    lengths: FloatArray
+    """Duration of each stage, the return included [s]; empty if stages collide."""
+    colliding: tuple[int, ...] = ()
+    """Indices of the stages that collide."""
+
+    @property
+    def duration(self) -> float:
+        """Cycle time [s]; infinite if stages collide."""
+        return float("inf") if self.colliding else float(self.lengths.sum())
+
+
+Driver = Callable[[list[StagePlan], int | None], DrivenStages | None]
+"""Timing of stages as they are driven; it keeps the shortest collision-free plan.
+
+Arguments are the stages and the number of step widths for the refinement of launches, or None for that of the effort.
+The result is None for stages that cannot be timed.
+"""
+Refine = Callable[[MethodProblem, Sequence[StagePlan], DrivenStages, Driver], None]
 """Refinement of a plan's stages.
 
-Arguments are the problem with the bodies that must not collide, the stages, the numbers of those that stay, and the
-attempt.
+Arguments are the problem with the bodies that must not collide, the stages, how these are driven, and the driver of
+changed ones.
 """
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -33,14 +32,13 @@ from dualarm_cli.stages.plans.times import (
 )
 from dualarm_cli.stages.search.search import (
     SequenceResult,
-    refined,
     search,
     search_in_parts,
     search_near,
 )
 from dualarm_cli.stages.search.shared_angles import stages_apart
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.stages.serving import FIXED, with_stopping_room
+from dualarm_cli.stages.serving import FIXED
 from dualarm_cli.stages.stage_by_stage import check_stages, choose_stages, choose_stages_with
 
 
@@ -154,25 +152,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         return _solved(problem, workers)
 
 
-def refined_sequence(
-    problem: MethodProblem, stages: Sequence[StagePlan], kept: Collection[int], attempt: int
-) -> list[StagePlan]:
-    """Shorten a plan by the search's refinement, see `Refine`."""
-    if problem.blends or problem.keeps_room:
-        problem = replace(with_stopping_room(problem), without_margin=problem)
-    problem, numbers = _within_limits(problem, _numbers(problem))
-    # A transfer that waits or makes a detour keeps both its ends.
-    repaired = {k for k, stage in enumerate(stages) if stage.waits or stage.detours}
-    repaired.update([k - 1 for k in repaired], kept)
-    loose = ~np.isin(np.arange(numbers.stages), list(repaired))
-    before = decisions_of(numbers, problem.model, list(stages))
-    decisions = refined(numbers, before, loose, problem.effort, problem.seed + attempt)
-    plans = stage_plans(problem.model, problem.job, numbers, decisions, "sequence")
-    pairs = zip(plans, stages, strict=True)
-    return [replace(plan, waits=now.waits, detours=now.detours) for plan, now in pairs]
-
-
-def _within_limits(
+def within_limits(
     problem: MethodProblem, numbers: SequenceProblem
 ) -> tuple[MethodProblem, SequenceProblem]:
     """Return problem and sequence with the robot's limits; a margin is only a preference."""
@@ -180,7 +160,7 @@ def _within_limits(
     if limits is None:
         return problem, numbers
     problem = replace(problem, model=limits.model, job=limits.job, without_margin=None)
-    return problem, replace(_numbers(problem), with_margin=numbers.arms)
+    return problem, replace(numbers_of(problem), with_margin=numbers.arms)
 
 
 def _solved(problem: MethodProblem, workers: ExitStack) -> Decided:
@@ -197,7 +177,7 @@ def _solved(problem: MethodProblem, workers: ExitStack) -> Decided:
         InfeasibleError: no method finds a plan; the reason of the first one.
     """
     model, job = problem.model, problem.job
-    numbers = _numbers(problem)
+    numbers = numbers_of(problem)
     spares = problem.settings.spares
     long_sequence = numbers.stages >= numbers.settings.in_parts
     # For arms without an arm angle greedy plans take as long as the search: use them only if it fails.
@@ -206,7 +186,7 @@ def _solved(problem: MethodProblem, workers: ExitStack) -> Decided:
     short = numbers.stages <= SCALING.short and numbers.launches is not None
     if problem.without_margin is not None and (in_parts or short):
         # Plans with a margin are candidates of the search with the robot's limits.
-        problem, numbers = _within_limits(problem, numbers)
+        problem, numbers = within_limits(problem, numbers)
         model, job = problem.model, problem.job
     # Long orders come with a plan that the slow simpler methods do not reach.
     long = len(job.stages()) > numbers.settings.given_stages
@@ -295,7 +275,7 @@ def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[li
     return [stage_plans(problem.model, problem.job, numbers, near.decisions, "sequence")]
 
 
-def _numbers(problem: MethodProblem) -> SequenceProblem:
+def numbers_of(problem: MethodProblem) -> SequenceProblem:
     """Build the sequence problem, with line ends in motion if the search supports that."""
     job = problem.job
     lines = any(stop.approach or stop.retract for task in job.tasks for stop in task.stops)

@@ -13,9 +13,10 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.launches import default_launches, with_best_launches
+from dualarm_cli.stages.plans.times import evaluate
+from dualarm_cli.stages.refinement import refined_sequence, shorter_stages, shorter_steps
 from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.search import search
-from dualarm_cli.stages.sequence import refined_sequence
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
 
@@ -65,14 +66,59 @@ def test_nothing_to_refine_is_returned_as_it_is(sequence):
     assert Polishing(problem, loose=np.zeros(5, dtype=np.bool_)).refined(plan, 8) is plan
 
 
+def test_single_steps_change_one_stage_and_most_are_shorter(sequence):
+    """By the best launches of the whole plan. A step starts from the last one that was kept; fixed stages stay."""
+    problem, plan = sequence
+    loose = np.array([False, True, False, True, True])
+    steps = shorter_steps(problem, plan.decisions, loose, seed=1)
+    before, kept, step, shorter = plan.decisions, 0, next(steps), []
+    for _ in range(60):
+        if step is None:
+            step = steps.send(False)
+            continue
+        changed = np.flatnonzero(_differs(before, step))
+        assert len(changed) == 1
+        assert loose[changed[0]]
+        at_rest = replace(problem, launches=None)
+        totals = [
+            with_best_launches(problem, evaluate(at_rest, each))[1].total for each in (before, step)
+        ]
+        shorter.append(totals[1] < totals[0])
+        is_kept = kept < 3
+        before, kept = (step, kept + 1) if is_kept else (before, kept)
+        step = steps.send(is_kept)
+    assert kept == 3
+    assert np.mean(shorter) > 0.7
+
+
+def _differs(one, other):
+    """Returns which stages have other angles."""
+    differs = one.angle != other.angle
+    for a, b in zip(one.arms, other.arms, strict=True):
+        differs |= (a.psi_target != b.psi_target) | (a.yaw != b.yaw)
+        differs |= (a.psi_approach != b.psi_approach) | (a.psi_retract != b.psi_retract)
+    return differs
+
+
+def test_a_stage_is_better_if_it_shrinks_with_the_next_one():
+    """The third grows by less than the fourth shrinks; the last one has the return behind it."""
+    growth = np.array([-0.3, 0.2, 0.1, -0.4, 0.1, 0.2])
+    assert shorter_stages(growth, 5).tolist() == [0, 2, 3]
+    assert shorter_stages(growth[:5], 5).tolist() == [0, 2, 3]
+    assert shorter_stages(np.array([0.1, -0.2, 0.3]), 2).tolist() == [0]
+
+
 @pytest.mark.parametrize("blend", ["lines", "none"])
-def test_a_refined_plan_is_shorter_and_collision_free(random_job, monkeypatch, blend):
+@pytest.mark.parametrize("single_steps", [0, 5])
+def test_a_refined_plan_is_shorter_and_collision_free(random_job, monkeypatch, blend, single_steps):
     """Against the same effort without refinement, both with the whole cell; the verifier passes it."""
     job = random_job(8, (4, 4), line=0.08, dwell=0.1)
     settings = PlanSettings(effort="quick", blend=blend)
     before = plan_without_bound(job, settings)
     quick = effort.EFFORTS["quick"]
-    refining = replace(quick, search=replace(quick.search, refinements=2))
+    refining = replace(
+        quick, search=replace(quick.search, refinements=2, single_steps=single_steps)
+    )
     monkeypatch.setitem(effort.EFFORTS, "quick", refining)
     after = plan_without_bound(job, settings)
     assert after.duration < before.duration
