@@ -160,7 +160,7 @@ def main() -> None:
     parser.add_argument("--jobs", nargs="*", default=BUNDLED)
     parser.add_argument("--tries", type=int, default=6000)
     given = parser.parse_args()
-    print_head("job", "cycle", "the same postures", "postures anew")
+    print_head("job", "cycle", "gain, the same postures", "gain, postures anew")
     for name, job in jobs(given):
         cycle, kept, anew = compared(job, given.tries)
         print_row(name, f"{cycle:.3f} s", f"{1.0 - kept:.2%}", f"{1.0 - anew:.2%}")
