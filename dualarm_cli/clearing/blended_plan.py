@@ -154,7 +154,8 @@ def blended_plan(
     else:
         blend = _Blend(plan.cleared.plans, before, {}, ())
     if clearing is not None and blend.colliding:
-        coarser = chosen(problem.settings.widths)
+        least = problem.settings.widths
+        coarser = chosen(least) if least < widths else {}
         blend = _cleared(blend, clearing, launched, timed, coarser)
     plans, motion = blend.plans, blend.motion
     if blend.colliding or not (blend.launches or through):
@@ -247,6 +248,7 @@ def _cleared(
         timed: times the stages with other launches.
         coarser: launches that are tried before those at rest.
     """
+    coarser = dict(coarser)
     while blend.colliding:
         launches = blend.launches
         for k in blend.colliding:
@@ -255,6 +257,9 @@ def _cleared(
             clear = (c for c in fewer if clearing.is_clear_at(launched(c), k, start))
             candidate = next(clear, None)
             launches = launches if candidate is None else candidate
+            # They are tried once, so that each round leaves fewer launches.
+            for arm in clearing.holding.cell.arms:
+                coarser.pop((k, arm), None)
             # Arms that may be late join more than two stages.
             if candidate is None or clearing.holding.cell.skew > 0.0:
                 break

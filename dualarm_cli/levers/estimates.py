@@ -25,6 +25,7 @@ from dualarm_cli.levers.changes import (
 )
 from dualarm_cli.levers.kept_plan import KeptPlan
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.motion.trajectory import SAME_TIME
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.critical_path import retimed
@@ -101,14 +102,15 @@ def _gain_without_stages(kept: KeptPlan) -> float | None:
     None where more than the stages makes arms wait: a platform, rules of tasks, windows or parts.
     """
     schedule, job = kept.schedule, kept.job
-    ruled = job.has_handovers or job.moves or any(task.after for task in job.tasks)
-    reasons = {part.reason for part in schedule.segments if part.kind == "wait"}
-    if schedule.robot.platform or ruled or not reasons <= {"partner", "shared_zone", "end"}:
+    ruled = any(task.after or task.not_before > 0.0 for task in job.tasks)
+    ruled = ruled or job.has_handovers or job.moves or bool(job.buffers)
+    if schedule.robot.platform or ruled or not schedule.segments:
         return None
     busy = dict.fromkeys(schedule.robot.arms, 0.0)
     for piece in kept.pieces:
         busy[piece.group] += piece.length
-    return max(0.0, schedule.duration - max(busy.values()))
+    gain = schedule.duration - max(busy.values())
+    return gain if gain > SAME_TIME else 0.0
 
 
 def _matters(lever: Lever, schedule: Schedule, job: Job) -> bool:

@@ -124,9 +124,14 @@ def _transfer_key(
     None where more than the transfer and the lines next to it decides them.
     """
     before, plan = plans[k - 1] if k else None, plans[k]
-    if drive.caps or any(
-        at.through or giver_and_taker(at.stops) is not None or waits_for_time(at)
-        for at in (plan, *([] if before is None else [before]))
+    # In a return all arms arrive together; a tool's speed depends on the platform as well.
+    if (
+        not plan.stops
+        or drive.to(plan).caps
+        or any(
+            at.through or giver_and_taker(at.stops) is not None or waits_for_time(at)
+            for at in (plan, *([] if before is None else [before]))
+        )
     ):
         return None
     index, model = drive.model.arms[name].columns, drive.model
@@ -231,8 +236,8 @@ def _blends(
 ) -> Iterator[tuple[Launch | None, Launch | None]]:
     """Yield blends of a transfer with its lines, with increasing margin, the refined ones first.
 
-    Each is a pair of launches, at the end of the retract and at the start of the approach. The iteration ends as
-    soon as no pair is faster than stopping at both.
+    Each is a pair of launches, at the end of the retract and at the start of the approach. Pairs that are not faster
+    than stopping at both are left out.
     """
     arm = drive.model.arms[name]
     index, limits = arm.columns, drive.to(plan).group_limits[name]
@@ -250,12 +255,12 @@ def _blends(
     if retract.rates[0].any() or approach.rates[0].any():
         at_rest = MovingTransfer(problem).duration(retract.rates[0], approach.rates[0])
     for margin in POSITION_MARGINS:
-        i, j, time = quickest_pair(retract, approach, problem, at_rest, margin)
-        if time > float(retract.time[0] + at_rest + approach.time[0]) - MIN_GAIN:
+        pair = quickest_pair(retract, approach, problem, at_rest, margin)
+        if pair[2] > float(retract.time[0] + at_rest + approach.time[0]) - MIN_GAIN:
             return
-        # A coarser pair may keep limits that the finest estimate exceeds.
-        for narrower in sorted({widths, min(widths, 1), 0}, reverse=True):
-            yield refined_pair((retract, approach), (i, j, time), problem, narrower, margin)
+        # A coarser pair may keep limits that the finest estimate exceeds, and is faster than one with a margin.
+        for fewer in (widths, *range(min(widths, 2) - 1, -1, -1)):
+            yield refined_pair((retract, approach), pair, problem, fewer, margin)
 
 
 def _giver_time(drive: Drive, plan: StagePlan, name: str) -> float:

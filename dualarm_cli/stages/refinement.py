@@ -36,7 +36,8 @@ def refined_sequence(
     best = _Driven(decisions_of(numbers, problem.model, list(stages)), given)
     best = refinement.with_random_steps(best)
     if problem.blends:
-        best = min(best, *refinement.driven(best.decisions, refinement.widths), key=_duration)
+        finest = refinement.driven(best.decisions, refinement.widths)
+        best = min([best, *finest], key=_duration)
     refinement.step_single_stages(best)
 
 
@@ -99,6 +100,9 @@ class _Refinement:
         for attempt in range(how.refinements):
             problem.progress(f"refining the plan, attempt {attempt + 1} of {how.refinements}")
             seed, loose = problem.seed + attempt, self.loose(kept)
+            if not loose.any():
+                kept.clear()
+                loose = self.loose()
             changed = refined(self.numbers, best.decisions, loose, problem.effort, seed)
             for tried in self.driven(changed):
                 failed: Collection[int] = tried.stages.colliding
