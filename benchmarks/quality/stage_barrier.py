@@ -5,7 +5,7 @@ python -m benchmarks.quality.stage_barrier [--stages 8] [--seeds 1 2 3] [--jobs 
 Plans of normal effort, timed twice by the estimate of the search: stage by stage, and with each arm by itself. Then the
 platform leaves when the last tool is off its line, and no line begins before it has arrived; nothing else makes an arm
 wait. First with the plan's postures, then with those of a random local search under either timing, one stage at a time,
-as many tries each. Arms may collide in the latter: what is found is what arms by themselves could gain at most there.
+as many tries each. Arms may collide in the latter: without collisions less is left.
 """
 
 from __future__ import annotations

@@ -11,13 +11,14 @@ from dualarm_cli import effort
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.method import DrivenStages, MethodProblem
 from dualarm_cli.stages.plans.launches import default_launches, with_best_launches
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.refinement import refined_sequence, shorter_stages, shorter_steps
 from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.verification import verify
 
 
@@ -108,22 +109,61 @@ def test_a_stage_is_better_if_it_shrinks_with_the_next_one():
     assert shorter_stages(np.array([0.1, -0.2, 0.3]), 2).tolist() == [0]
 
 
-@pytest.mark.parametrize("blend", ["lines", "none"])
-@pytest.mark.parametrize("single_steps", [0, 5])
-def test_a_refined_plan_is_shorter_and_collision_free(random_job, monkeypatch, blend, single_steps):
-    """Against the same effort without refinement, both with the whole cell; the verifier passes it."""
+@pytest.fixture(scope="module")
+def problem_and_stages(random_job):
+    """Four stages of two arms, planned by a simpler method."""
     job = random_job(8, (4, 4), line=0.08, dwell=0.1)
-    settings = PlanSettings(effort="quick", blend=blend)
-    before = plan_without_bound(job, settings)
-    quick = effort.EFFORTS["quick"]
-    refining = replace(
-        quick, search=replace(quick.search, refinements=2, single_steps=single_steps)
-    )
-    monkeypatch.setitem(effort.EFFORTS, "quick", refining)
-    after = plan_without_bound(job, settings)
-    assert after.duration < before.duration
-    assert after.clearance_cost >= 0.0
-    assert verify(after, job, clearance=True).passed
+    model = CellModel.from_cell(job.cell)
+    problem = MethodProblem(model, job, "arm_angle", effort="normal")
+    return problem, choose_stages(problem, "exact")
+
+
+def refined_with(problem, stages, lengths):
+    """Returns the platform angles of all plans that a refinement drives, whose times are given in turn."""
+    driven, times = [], iter(lengths)
+
+    def driver(plans, widths):
+        driven.append(np.array([plan.arrival for plan in plans]))
+        return next(times, None)
+
+    refined_sequence(problem, stages, DrivenStages(np.ones(len(stages))), driver)
+    return np.array([plan.arrival for plan in stages]), driven
+
+
+def test_the_shorter_stages_of_an_attempt_are_put_into_the_plan(problem_and_stages):
+    """The first two of four shrink: the second plan that is driven has these, and the others as they were."""
+    attempt = DrivenStages(np.array([0.8, 0.9, 1.0, 1.5]))
+    given, (tried, mixed, *_) = refined_with(*problem_and_stages, [attempt])
+    assert (np.abs(tried - given).max(axis=1) > 1e-6).all()
+    np.testing.assert_allclose(mixed[:2], tried[:2], atol=1e-9)
+    np.testing.assert_allclose(mixed[2:], given[2:], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "failed",
+    [DrivenStages(np.array([1.1, 1.1, 1.5, 1.1])), DrivenStages(np.zeros(0), (2,))],
+    ids=["longer", "colliding"],
+)
+def test_stages_of_an_attempt_that_failed_stay_in_the_next_one(problem_and_stages, failed):
+    """The third one and the one before; all others are tried again. No plan of the first attempt is driven on."""
+    given, (_, again, *_) = refined_with(*problem_and_stages, [failed])
+    stays = np.abs(again - given).max(axis=1) < 1e-9
+    assert stays.tolist() == [False, True, True, False]
+
+
+@pytest.mark.parametrize("blend", ["lines", "none"])
+def test_a_refined_plan_is_shorter_and_collision_free(random_job, monkeypatch, blend):
+    """Without refinement, with it, and with steps of single stages after it; the verifier passes the last one."""
+    job = random_job(8, (4, 4), line=0.08, dwell=0.1)
+    quick, plans = effort.EFFORTS["quick"], []
+    for how in ({}, {"refinements": 2}, {"refinements": 2, "single_steps": 40}):
+        changed = replace(quick, search=replace(quick.search, **how))
+        monkeypatch.setitem(effort.EFFORTS, "quick", changed)
+        plans.append(plan_without_bound(job, PlanSettings(effort="quick", blend=blend)))
+    before, refined, stepped = plans
+    assert stepped.duration < refined.duration < before.duration
+    assert stepped.clearance_cost >= 0.0
+    assert verify(stepped, job, clearance=True).passed
 
 
 @pytest.mark.parametrize(
