@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +25,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.motion import blending
 from dualarm_cli.motion.blending import passing_launches, with_launches
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Drive, MotionCache
@@ -501,6 +503,29 @@ def test_a_stage_is_judged_anew_with_every_way_of_passing_its_lines(packing):
         assert clearing.colliding_stages(own, motion) == fresh.colliding_stages(own, motion)
     # With no way, with all of them, and the first two stages with those about the second stage's transfers.
     assert len(clearing.seen) == 2 * len(plans) + 2
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_known_launches_are_those_of_plans_timed_alone(packing, slow, monkeypatch):
+    """Plans of two methods, one with stages of both, and the first one again: one cache for all against none.
+
+    The last time no launches are chosen but those of the return, or all where a tool's speed is limited.
+    """
+    job = dataclasses.replace(packing, tasks=packing.tasks[:4], returns=True)
+    job = dataclasses.replace(job, tool_speed=1.0 if slow else None)
+    model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
+    problem, shared = MethodProblem(model, job, "arm_angle"), Drive.of(model, job, timing)
+    plain, fast = (choose_stages(problem, name) for name in ("fixed", "exact"))
+    mixed = [*plain[:2], dataclasses.replace(fast[2], start=plain[2].start), *fast[3:]]
+    for plans, widths in product((plain, fast, mixed, plain), (0, 2)):
+        alone = passing_launches(Drive.of(model, job, timing), plans, (), widths)
+        assert alone
+        assert passing_launches(shared, plans, (), widths) == alone
+    chosen = []
+    blends = blending._blends
+    monkeypatch.setattr(blending, "_blends", lambda *a: chosen.append(a[2]) or blends(*a))
+    passing_launches(shared, plain, (), 2)
+    assert {bool(plan.stops) for plan in chosen} == ({False, True} if slow else {False})
 
 
 @pytest.mark.parametrize("copied", [False, True])
