@@ -125,21 +125,25 @@ def searched(
     return problem, best
 
 
-def compared(job: Job, tries: int) -> tuple[float, float, float]:
-    """Returns the cycle of a plan [s], and what arms by themselves take of it: as planned, and as searched."""
+def estimated(job: Job) -> tuple[float, SequenceProblem, Evaluated]:
+    """Returns the cycle of a plan of normal effort [s], and the plan as the search times it, with its problem."""
     work = resolve(job, PlanSettings(effort="normal"))
     found = quickest_clear(work.problem, work.method.solve, work.timing)
     numbers = sequence_problem(work.model, job)
     decisions = decisions_of(numbers, work.model, (found.stopping or found.cleared).plans)
     at_rest = evaluate(numbers, decisions)
-    problem, plan = with_best_launches(
-        replace(numbers, launches=default_launches(numbers)), at_rest
-    )
+    launched = replace(numbers, launches=default_launches(numbers))
+    return found.cleared.duration, *with_best_launches(launched, at_rest)
+
+
+def compared(job: Job, tries: int) -> tuple[float, float, float]:
+    """Returns the cycle of a plan [s], and what arms by themselves take of it: as planned, and as searched."""
+    cycle, problem, plan = estimated(job)
     cycles = [
         timing(*searched(problem, plan, timing, tries)) for timing in (by_stages, by_themselves)
     ]
     kept = by_themselves(problem, plan) / by_stages(problem, plan)
-    return found.cleared.duration, kept, cycles[1] / cycles[0]
+    return cycle, kept, cycles[1] / cycles[0]
 
 
 def jobs(given: argparse.Namespace) -> Iterator[tuple[str, Job]]:

@@ -6,7 +6,7 @@ python -m benchmarks.speed.planning_time --against COMMIT [--stages 24 100] [--e
 Both are installed into a folder that is removed afterwards, with their pages and compiled functions. Every command is a
 process of its own, from its start to its files written. Jobs are those of `long_sequences.py` by robot, stages and
 seeds, or the given task files in one row. A job for which the other commit has no plan is left out. A job counts as
-longer if its cycle is so by more than a millionth.
+longer if its cycle is so by more than a millionth. Gaps are medians of the jobs that have a bound with both.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
@@ -41,6 +41,8 @@ class Run:
     """Processor time of all its processes [s]."""
     cycle: float
     """Of its plan [s]."""
+    gap: float | None
+    """How far the lower bound is below the cycle, as a share of it; None without a bound."""
 
 
 def planned(checkout: Path, tasks: Path, out: Path, options: list[str]) -> Run | None:
@@ -59,7 +61,7 @@ def planned(checkout: Path, tasks: Path, out: Path, options: list[str]) -> Run |
         return None
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Run(wall, used, report["cycle_time"])
+    return Run(wall, used, report["cycle_time"], report["gap"])
 
 
 def compared(
@@ -91,7 +93,8 @@ def main() -> None:
     given = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[-given.cores :])
     ratios = "wall, ratio", "processor time, ratio", "cycle, ratio"
-    print_head("robot", "stages", "effort", "jobs", "wall before", "now", *ratios, "longer")
+    gaps = "gap before", "now"
+    print_head("robot", "stages", "effort", "jobs", "wall before", "now", *ratios, "longer", *gaps)
     with tempfile.TemporaryDirectory() as name:
         folder, here = Path(name), Path(name) / "here"
         other = installed(given.against, folder)
@@ -153,7 +156,11 @@ def _medians(
             tell(f"{job.parent.name}, {effort}: no plan")
             continue
         before, now = (
-            Run(median(r.wall for r in runs), median(r.processor for r in runs), runs[0].cycle)
+            replace(
+                runs[0],
+                wall=median(r.wall for r in runs),
+                processor=median(r.processor for r in runs),
+            )
             for runs in found
         )
         pairs.append((before, now))
@@ -172,7 +179,9 @@ def _print(robot: str, stages: str, effort: str, pairs: list[tuple[Run, Run]]) -
         for name, digits in (("wall", 2), ("processor", 2), ("cycle", 3))
     ]
     longer = sum(now.cycle > before.cycle * (1.0 + 1e-6) for before, now in pairs)
-    print_row(robot, stages, effort, len(pairs), *walls, *ratios, longer)
+    bounded = [pair for pair in pairs if None not in (pair[0].gap, pair[1].gap)]
+    gaps = [f"{median(pair[k].gap for pair in bounded):.1%}" if bounded else "" for k in range(2)]
+    print_row(robot, stages, effort, len(pairs), *walls, *ratios, longer, *gaps)
 
 
 def _span(values: list[float], digits: int) -> str:

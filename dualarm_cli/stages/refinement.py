@@ -64,7 +64,7 @@ class _Refinement:
     numbers: SequenceProblem
     """Its sequence."""
     stages: Sequence[StagePlan]
-    """Stages of the plan, with waits and detours, which stay."""
+    """Stages of the plan, whose waits and detours later plans keep between moved postures."""
     driver: Driver
     """Timing of plans as they are driven."""
 
@@ -86,13 +86,8 @@ class _Refinement:
         return [_Driven(decisions_of(self.numbers, self.problem.model, plans), driven)]
 
     def loose(self, kept: Collection[int] = ()) -> BoolArray:
-        """Return flags of stages that may change, shape (n,).
-
-        A transfer that waits or makes a detour keeps both its ends.
-        """
-        repaired = {k for k, stage in enumerate(self.stages) if stage.waits or stage.detours}
-        repaired.update([k - 1 for k in repaired], kept)
-        return ~np.isin(np.arange(self.numbers.stages), list(repaired))
+        """Return flags of the stages that may change, all but some, shape (n,)."""
+        return ~np.isin(np.arange(self.numbers.stages), list(kept))
 
     def with_random_steps(self, best: _Driven) -> _Driven:
         """Change all stages at once, and keep the better stages of each attempt."""
@@ -123,11 +118,12 @@ class _Refinement:
 
     def step_single_stages(self, best: _Driven) -> None:
         """Change one stage at a time."""
-        count, loose = search_effort(self.numbers, self.problem.effort).single_steps, self.loose()
-        if not (count and loose.any()):
+        count = search_effort(self.numbers, self.problem.effort).single_steps
+        if not count:
             return
         self.problem.progress("refining single stages")
         free = replace(self.numbers, clearance=None, with_margin=())
+        loose = self.loose()
         steps = shorter_steps(free, best.decisions, loose, self.problem.seed)
         step = next(steps)
         for _ in range(count):

@@ -11,6 +11,7 @@ from dualarm_cli import effort
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.postures.stage_plan import Detour
 from dualarm_cli.stages.method import DrivenStages, MethodProblem
 from dualarm_cli.stages.plans.launches import default_launches, with_best_launches
 from dualarm_cli.stages.plans.times import evaluate
@@ -149,6 +150,29 @@ def test_stages_of_an_attempt_that_failed_stay_in_the_next_one(problem_and_stage
     given, (_, again, *_) = refined_with(*problem_and_stages, [failed])
     stays = np.abs(again - given).max(axis=1) < 1e-9
     assert stays.tolist() == [False, True, True, False]
+
+
+def test_waits_and_detours_stay_while_both_ends_of_their_transfers_move(problem_and_stages):
+    """Of every plan that is driven, in the third stage; the driver judges whether they still avoid a collision."""
+    problem, stages = problem_and_stages
+    arms = [*stages[2].stops]
+    detours = {arms[0]: Detour(stages[2].start[None, problem.model.arms[arms[0]].columns], False)}
+    repaired = [*stages]
+    repaired[2] = replace(stages[2], waits={arms[-1]: 0.1}, detours=detours)
+    driven = []
+
+    def driver(plans, widths):
+        driven.append(plans)
+
+    refined_sequence(problem, repaired, DrivenStages(np.ones(len(stages))), driver)
+    assert driven
+    for plans in driven:
+        assert [(plan.waits, plan.detours) for plan in plans] == [
+            (plan.waits, plan.detours) for plan in repaired
+        ]
+    (first, *_) = driven
+    assert not np.allclose(first[2].start, stages[2].start, atol=1e-6)
+    assert not np.allclose(first[2].arrival, stages[2].arrival, atol=1e-6)
 
 
 @pytest.mark.parametrize("blend", ["lines", "none"])
