@@ -380,7 +380,7 @@ def measure() -> None:
     """Runs all benchmarks of the measurements, and writes their tables into the page.
 
     Two run beside each other, but those that are measured alone. A run that is interrupted leaves the tables that it
-    has, without the sentence on their state.
+    has, below the sentence on the state before: the page's text must then say which they are.
     """
     text = MEASUREMENTS.read_text(encoding="utf-8")
     found = {match["words"]: match["how"] == "measured alone" for match in MEASURED.finditer(text)}
@@ -388,24 +388,23 @@ def measure() -> None:
     before = state()
     with ThreadPool(2) as pool:
         for words, table in pool.imap_unordered(lambda words: (words, measured(words)), beside, 1):
-            text = with_table(text, words, table)
+            write_measured(words, table)
     for words in (words for words, alone in found.items() if alone):
-        text = with_table(text, words, measured(words))
-    MEASUREMENTS.write_text(
-        STATE.sub(lambda match: f"{match[1]}{before}\n{match[3]}", text), encoding="utf-8"
-    )
+        write_measured(words, measured(words))
+    text = MEASUREMENTS.read_text(encoding="utf-8")
+    text = STATE.sub(lambda match: f"{match[1]}{before}\n{match[3]}", text)
+    MEASUREMENTS.write_text(text, encoding="utf-8")
 
 
-def with_table(text: str, words: str, table: str) -> str:
-    """Writes a benchmark's table into the page; returns the page's text."""
+def write_measured(words: str, table: str) -> None:
+    """Writes a benchmark's table into the page."""
 
     def block(match: re.Match[str]) -> str:
         head = f"<!-- {match['how']}: python -m {match['words']} -->"
         return f"{head}\n\n{table.strip()}\n\n<!-- end -->" if match["words"] == words else match[0]
 
-    text = MEASURED.sub(block, text)
+    text = MEASURED.sub(block, MEASUREMENTS.read_text(encoding="utf-8"))
     MEASUREMENTS.write_text(text, encoding="utf-8")
-    return text
 
 
 def measured(words: str) -> str:

@@ -61,7 +61,7 @@ def planned(checkout: Path, tasks: Path, out: Path, options: list[str]) -> Run |
         return None
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Run(wall, used, report["cycle_time"], report["gap"])
+    return Run(wall, used, report["cycle_time"], report.get("gap"))
 
 
 def compared(
@@ -93,7 +93,7 @@ def main() -> None:
     given = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[-given.cores :])
     ratios = "wall, ratio", "processor time, ratio", "cycle, ratio"
-    gaps = "gap before", "now"
+    gaps = "gap before", "gap now"
     print_head("robot", "stages", "effort", "jobs", "wall before", "now", *ratios, "longer", *gaps)
     with tempfile.TemporaryDirectory() as name:
         folder, here = Path(name), Path(name) / "here"

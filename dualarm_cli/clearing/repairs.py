@@ -374,7 +374,7 @@ class Clearing:
 
 
 def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[Hashable, ...]:
-    """Return a hashable key of a stage's motion, for stages without waits."""
+    """Return a hashable key of a stage's motion."""
     postures = [plan.start, plan.arrival, plan.end]
     for stop in plan.stops.values():
         posture = stop.posture
@@ -382,16 +382,10 @@ def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[Hasha
             posture.q_target,
             np.array([posture.psi_target, posture.psi_approach, posture.psi_retract]),
         ]
-    passes: list[Hashable] = [*plan.passes.items()]
-    passes += [
-        (
-            "by",
-            name,
-            detour.points.tobytes(),
-            detour.rates is None or np.asarray(detour.rates).tobytes(),
-        )
-        for name, detour in plan.detours.items()
-    ]
+    passes: list[Hashable] = [*plan.passes.items(), *plan.waits.items()]
+    for name, detour in plan.detours.items():
+        rates = detour.rates is None or np.asarray(detour.rates).tobytes()
+        passes.append(("by", name, detour.stops, detour.points.tobytes(), rates))
     passes += [("through", name, rate.tobytes()) for name, rate in plan.through.items()]
     if before is not None:
         passes += [("from", name, rate.tobytes()) for name, rate in before.through.items()]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli import effort
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
@@ -171,8 +172,29 @@ def test_waits_and_detours_stay_while_both_ends_of_their_transfers_move(problem_
             (plan.waits, plan.detours) for plan in repaired
         ]
     (first, *_) = driven
-    assert not np.allclose(first[2].start, stages[2].start, atol=1e-6)
-    assert not np.allclose(first[2].arrival, stages[2].arrival, atol=1e-6)
+    for name in {arms[0], arms[-1]}:
+        columns = problem.model.arms[name].columns
+        for moved, given in (
+            (first[2].start, stages[2].start),
+            (first[2].arrival, stages[2].arrival),
+        ):
+            assert not np.allclose(moved[columns], given[columns], atol=1e-6)
+
+
+def test_a_plan_with_a_detour_is_refined_with_it(tasks_folder, monkeypatch):
+    """The platform stands elsewhere in every stage, also before and after the detour; the verifier passes the plan."""
+    job = load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
+    quick, plans = effort.EFFORTS["quick"], []
+    for refinements in (0, 2):
+        changed = replace(quick, search=replace(quick.search, refinements=refinements))
+        monkeypatch.setitem(effort.EFFORTS, "quick", changed)
+        plans.append(plan_without_bound(job, PlanSettings(effort="quick")))
+        assert any("detour" in str(note) for note in plans[-1].notes)
+    before, refined = plans
+    assert refined.duration < before.duration
+    pairs = list(zip(before.stages, refined.stages, strict=True))[:-1]
+    assert all(a.platform_angle != b.platform_angle for a, b in pairs)
+    assert verify(refined, job, clearance=True).passed
 
 
 @pytest.mark.parametrize("blend", ["lines", "none"])
