@@ -121,7 +121,7 @@ def problem_and_stages(random_job):
 
 
 def refined_with(problem, stages, lengths):
-    """Returns the platform angles of all plans that a refinement drives, whose times are given in turn."""
+    """Returns the joints after the transfers of a plan and of all that a refinement drives, timed by turns as given."""
     driven, times = [], iter(lengths)
 
     def driver(plans, widths):
